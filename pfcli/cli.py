@@ -1,0 +1,78 @@
+"""The `pfcli` command: a lazy click group, nothing else."""
+
+import importlib
+import sys
+from typing import Any
+
+import click
+
+from pfcli import __version__
+from pfcli.errors import EXIT_FAILED, EXIT_INTERRUPTED, PfcliError, reason
+from pfcli.registry import SUMMARY
+
+_COMMANDS = {
+    "info": ("pfcli.commands.info:info", "What a log holds, and which systems it can feed."),
+    "convert": ("pfcli.commands.convert:convert", "CARMEN logs and ROS bags -> MCAP."),
+    "simulate": ("pfcli.commands.simulate:simulate", "Worlds, robots and sensors with truth -> MCAP."),
+    "evaluate": ("pfcli.commands.evaluate:evaluate", "A track against truth or relations; a map against itself."),
+    "params": ("pfcli.commands.params:params", "A system's parameters as TOML."),
+}
+
+
+class _Lazy(click.Group):
+    """Imports a command when it is asked for, so that --help stays fast."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return [*SUMMARY, *_COMMANDS]
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name in SUMMARY:
+            found: click.Command = importlib.import_module("pfcli.commands.system").command(name)
+            return found
+        if name not in _COMMANDS:
+            return None
+        module, attribute = _COMMANDS[name][0].split(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Systems"):
+            formatter.write_dl(list(SUMMARY.items()))
+        with formatter.section("Around them"):
+            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
+
+
+@click.command(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="pfcli")
+def main() -> None:
+    """Replay recorded robot logs offline through published particle-filter systems.
+
+    Exit codes: 0 done, 1 failed, 2 usage, 3 done but part of the input was lost, 130 interrupted.
+    """
+
+
+def run() -> None:
+    """Entry point: every foreseen failure is one line on standard error."""
+    try:
+        result: Any = main.main(standalone_mode=False, prog_name="pfcli")
+        sys.exit(result if isinstance(result, int) else 0)
+    except PfcliError as error:
+        click.echo(f"pfcli: {error}", err=True)
+        sys.exit(error.exit_code)
+    except click.exceptions.Exit as done:
+        sys.exit(done.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("pfcli: interrupted; nothing was written", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)
+    except MemoryError:
+        click.echo("pfcli: out of memory; fewer --particles or a coarser --resolution-m need less", err=True)
+        sys.exit(EXIT_FAILED)
+    except OSError as error:
+        click.echo(f"pfcli: {error.filename or 'input or output'}: {reason(error)}", err=True)
+        sys.exit(EXIT_FAILED)

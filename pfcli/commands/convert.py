@@ -1,0 +1,78 @@
+"""`pfcli convert IN OUT`."""
+
+import math
+from pathlib import Path
+
+import click
+
+from pfcli.errors import LogError, UsageError
+
+
+@click.command()
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("target", type=click.Path(path_type=Path))
+@click.option("--range-max", type=click.FloatRange(0, 10_000, min_open=True), default=None, help="Usable range of the scanner [m]; default: just below the value the log repeats at its top.")
+@click.option("--repair-stamps/--no-repair-stamps", default=True, help="Mend stamps whose microseconds lost their leading zeros.  (default: on)")
+@click.option("--compression", type=click.Choice(["zstd", "lz4", "none"]), default="zstd", show_default=True)
+@click.option("--force", is_flag=True, help="Replace TARGET.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
+def convert(
+    source: Path, target: Path, range_max: float | None, repair_stamps: bool, compression: str, force: bool, as_json: bool
+) -> int:
+    """Convert SOURCE (CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3) to an MCAP log.
+
+    Example: pfcli convert intel.clf.bz2 intel.mcap
+    """
+    from pfcli.commands.show import emit, lost, say
+    from pfcli.formats import rosbag
+
+    if target.exists() and not force:
+        raise UsageError(f"{target}: exists; say --force to replace it")
+    if not source.exists():
+        raise LogError(f"{source}: no such file")
+    if source.suffix in (".bag", ".db3") or source.is_dir():
+        counts = rosbag.convert(source, target, compression)
+        emit(counts, [f"{target}: {counts['messages']} messages, {counts['skipped']} of unknown types left out"], as_json)
+        return 0
+    found = _carmen(source, target, range_max, repair_stamps, compression)
+    for note in found.pop("notes"):
+        say(note)
+    line = (
+        f"{target}: {found['scans']} scans, {found['odometry']} odometry messages, usable range {found['range_max_m']:.2f} m,"
+        f" {found['repaired_stamps']} stamps repaired"
+    )
+    emit(found, [line], as_json)
+    return lost({"unreadable line": found["unreadable_lines"]} if found["unreadable_lines"] else {}, [])
+
+
+def _carmen(source: Path, target: Path, range_max: float | None, repair: bool, compression: str) -> dict[str, object]:
+    from pfcli.events import Pose2
+    from pfcli.formats import carmen
+    from pfcli.formats.log_writer import LogWriter
+
+    records, broken = carmen.read(source)
+    stamps, repaired = carmen.stamps_ns([r.stamp for r in records], repair=repair)
+    backward = sum(b < a for a, b in zip(stamps, stamps[1:], strict=False))
+    top = range_max or carmen.usable_range_m(records)
+    mounts = {r.mount for r in records if r.ranges_m is not None}
+    scans = 0
+    with LogWriter(target, compression) as log:
+        mount = max(mounts, key=lambda m: sum(r.mount == m for r in records)) if mounts else Pose2()
+        log.tf_static(min(stamps), [("base_link", "laser", mount)])
+        for text, odometry, scan in carmen.events(records, stamps, top if math.isfinite(top) else 100.0):
+            log.odometry(odometry)
+            if scan is not None:
+                log.source_stamp(scan.stamp_ns, text)
+                log.scan(scan)
+                scans += 1
+    notes = [f"{source}: {backward} stamps go back in time"] if backward else []
+    return {
+        "out": str(target),
+        "scans": scans,
+        "odometry": len(records),
+        "range_max_m": round(top, 6) if math.isfinite(top) else None,
+        "repaired_stamps": repaired,
+        "backward_steps": backward,
+        "unreadable_lines": broken,
+        "notes": notes,
+    }

@@ -1,0 +1,16 @@
+"""`pfcli params SYSTEM`."""
+
+import click
+
+from pfcli import registry
+from pfcli.params import to_toml
+
+
+@click.command()
+@click.argument("system", type=click.Choice(list(registry.SYSTEMS)))
+def params(system: str) -> None:
+    """Print the parameters of SYSTEM as TOML, with defaults, units and ranges.
+
+    Example: pfcli params slam-gdr > my.toml; pfcli slam-gdr log.mcap --params my.toml --out out
+    """
+    click.echo(to_toml(registry.params_class(system)()), nl=False)

@@ -1,0 +1,85 @@
+"""The command of a system: replay logs through it and write the results."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pfcli import registry
+from pfcli.options import build_params, drive_of, reading_options, settings_of, system_options
+from pfcli.outputs import check, interrupt_on_terminate, output_dir
+
+_READING = ("topic", "clock", "start", "end", "reorder", "time_offset", "extrinsic")
+
+
+def command(name: str) -> click.Command:
+    """The click command of the system `name`; its kernels are imported only when it runs."""
+    params = registry.params_class(name)
+
+    @click.command(name, help=f"{registry.SUMMARY[name]}\n\nExample: pfcli {name} log.mcap --out out/run")
+    @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+    @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
+    @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
+    @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of all random draws.")
+    @click.option("--params", "params_file", type=click.Path(path_type=Path), help="Parameters from a TOML file.")
+    @click.option("--truth", default=None, metavar="auto|TOPIC|FILE", help="Add error columns against a truth topic or a TUM file.")
+    @click.option("--overlay", is_flag=True, help="Also write overlay.mcap: poses, particles and map, to open beside the log.")
+    @click.option("--plot", type=click.Path(path_type=Path), default=None, help="Also draw map and track into this PNG, SVG or PDF.")
+    @click.option("--threads", type=click.IntRange(0, 1024), default=0, help="Threads of the kernels (default: all cores).")
+    @click.option("--progress", "progress_mode", type=click.Choice(["auto", "never", "json"]), default="auto", show_default=True)
+    @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
+    @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
+    @reading_options
+    @system_options(params)
+    def system_command(**given: Any) -> int:
+        return _run(name, params, given)
+
+    return system_command
+
+
+def _run(name: str, params: type, given: dict[str, Any]) -> int:
+    built = build_params(params, given, given["params_file"])
+    settings = settings_of(*(given[k] for k in _READING))
+    check(given["out"], force=given["force"])
+    interrupt_on_terminate()
+
+    from pfcli import run
+    from pfcli.commands.show import emit, lost
+
+    job = run.Job(
+        registry.system(name),
+        built,
+        given["logs"],
+        given["seed"],
+        settings,
+        given["motion"],
+        drive_of(given["wheel_joints"], given["wheel_radius_m"], given["track_width_m"]),
+        given["truth"],
+        given["threads"],
+        "never" if given["quiet"] else given["progress_mode"],
+    )
+    done = run.execute(job)
+    with output_dir(given["out"], force=given["force"]) as folder:
+        summary = run.write(folder, job, done)
+        if given["overlay"]:
+            from pfcli.formats import overlay
+
+            overlay.write(folder / "overlay.mcap", done.result)
+    if given["plot"] is not None:
+        from pfcli.report.plots import draw
+
+        draw(given["plot"], done.result, name)
+    emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"]), given["as_json"])
+    return lost(summary["lost"], summary["notes"], given["quiet"])
+
+
+def _lines(summary: dict[str, Any], out: Path) -> list[str]:
+    seconds = summary["seconds"]
+    lines = [
+        f"{out}: {summary['scans']} scans over {summary['span_s']:.1f} s and {summary['way_m']:.1f} m,"
+        f" {summary['updates']} updates in {seconds['loop']:.2f} s ({summary['ms_per_update']:.2f} ms each)"
+    ]
+    if "truth" in summary:
+        t = summary["truth"]
+        lines.append(f"against truth: ATE {t['ate_m']:.4f} m, max {t['max_m']:.4f} m, heading {t['heading_rmse_deg']:.3f} deg")
+    return lines

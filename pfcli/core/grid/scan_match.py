@@ -1,0 +1,361 @@
+"""Scan matching against each particle's own map: Gauss-Newton on point-to-line residuals with a motion prior.
+
+The normals come from the scan, once for all particles; the surface points are the mean end points of occupied
+cells, so the match is not quantised by the grid. A correlative search stands in front where the refinement fails
+(wheel slip, a pushed robot).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.geometry import wrap
+from pfcli.core.grid.tiles import BITS, NONE, REACH, SIDE, nearest_surface
+from pfcli.core.jit import kernel, parallel_kernel, prange, reduction_kernel
+
+
+class Matcher(NamedTuple):
+    """Constants of the match.
+
+    sigma_m: standard deviation of an end point across the surface; wide_m: scale of the robust cost at the start;
+    gain: how many independent beams one beam is worth; tangent: weight of the residual along the surface;
+    z_rand: floor of a beam's likelihood; z_unknown: likelihood of a beam that ends in unknown cells;
+    iterations: at most, in both stages together; coarse_xy_m, coarse_yaw_rad: half widths of the coarse search;
+    slip: probability that the odometry says nothing.
+    """
+
+    sigma_m: float = 0.03
+    wide_m: float = 0.3
+    gain: float = 0.3
+    tangent: float = 0.02
+    z_rand: float = 0.05
+    z_unknown: float = 0.3
+    iterations: int = 20
+    coarse_xy_m: float = 0.3
+    coarse_yaw_rad: float = 0.35
+    slip: float = 1e-4
+
+
+class Match(NamedTuple):
+    """Per particle: pose (n, 3), information (n, 3, 3) of the posterior, log likelihood, log prior and inlier share
+    (n,; -1 where the scan fell on unknown map), and whether the second start won (n,)."""
+
+    pose: NDArray[np.float64]
+    information: NDArray[np.float64]
+    log_likelihood: NDArray[np.float64]
+    log_prior: NDArray[np.float64]
+    inliers: NDArray[np.float64]
+    second: NDArray[np.uint8]
+
+
+@kernel
+def surface_normals(points, reach_m, max_gap):  # type: ignore[no-untyped-def]
+    """Unit normals of the surface at each end point, from a line fitted to its neighbours in the scan.
+
+    points: (b, 2) in beam order (m). Neighbours count while they are within `reach_m` of the point (or are its
+    direct neighbours) and no step between two of them exceeds `max_gap` times the point's range (a depth edge).
+    Returns (b, 3): normal and 1, or 0 where no line is certain.
+    """
+    n = points.shape[0]
+    out = np.zeros((n, 3))
+    for b in range(n):
+        x0, y0 = points[b]
+        edge = max(0.1, max_gap * np.hypot(x0, y0))
+        count, sx, sy, sxx, sxy, syy = 1, 0.0, 0.0, 0.0, 0.0, 0.0
+        for side in (-1, 1):
+            k, px, py = b + side, x0, y0
+            while 0 <= k < n and abs(k - b) <= 12:
+                dx, dy = points[k, 0] - x0, points[k, 1] - y0
+                if np.hypot(points[k, 0] - px, points[k, 1] - py) > edge:
+                    break
+                if abs(k - b) > 1 and np.hypot(dx, dy) > reach_m:
+                    break
+                count += 1
+                sx += dx
+                sy += dy
+                sxx += dx * dx
+                sxy += dx * dy
+                syy += dy * dy
+                px, py = points[k]
+                k += side
+        if count < 3:
+            continue
+        mx, my = sx / count, sy / count
+        cxx, cxy, cyy = sxx / count - mx * mx, sxy / count - mx * my, syy / count - my * my
+        half, root = (cxx + cyy) / 2, np.hypot((cxx - cyy) / 2, cxy)
+        if half + root <= 0.0 or (half - root) > 0.1 * (half + root):
+            continue
+        angle = 0.5 * np.arctan2(2 * cxy, cxx - cyy)
+        out[b, 0], out[b, 1], out[b, 2] = -np.sin(angle), np.cos(angle), 1.0
+    return out
+
+
+@kernel
+def _correspond(tiles, i, pose, points, normals, stride, work):  # type: ignore[no-untyped-def]
+    """Look up the surface point of every stride-th end point.
+
+    work: (12, b), filled with error x, y; lever x, y; normal x, y; weight along the surface. Returns (pairs, end
+    points on known map).
+    """
+    per_cell, cell_m = 1.0 / tiles.resolution_m, tiles.resolution_m
+    ox, oy = tiles.corner[0] * SIDE, tiles.corner[1] * SIDE
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    known, count = 0, 0
+    for b in range(0, points.shape[0], stride):
+        rx = cos * points[b, 0] - sin * points[b, 1]
+        ry = sin * points[b, 0] + cos * points[b, 1]
+        wx, wy = pose[0] + rx, pose[1] + ry
+        state, mx, my = nearest_surface(tiles, i, wx * per_cell - ox, wy * per_cell - oy)
+        known += state > 0
+        if state < 2:
+            continue
+        work[0, count], work[1, count] = (mx + ox) * cell_m - wx, (my + oy) * cell_m - wy
+        work[2, count], work[3, count] = rx, ry
+        work[4, count] = cos * normals[b, 0] - sin * normals[b, 1]
+        work[5, count] = sin * normals[b, 0] + cos * normals[b, 1]
+        work[6, count] = normals[b, 2]
+        count += 1
+    return count, known
+
+
+@reduction_kernel
+def _accumulate(work, count, scale_m, sigma_m, tangent, sums):  # type: ignore[no-untyped-def]
+    """Normal equations of the robust cost (Geman-McClure): six sums of the Hessian, three of the gradient, inliers."""
+    c2, near = scale_m * scale_m, 4.0 * sigma_m * sigma_m
+    h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = inliers = 0.0
+    for k in range(count):
+        ex, ey, rx, ry, nx, ny = work[0, k], work[1, k], work[2, k], work[3, k], work[4, k], work[5, k]
+        line = work[6, k]
+        nx = nx + (1.0 - line)
+        along = tangent * line + (1.0 - line)
+        en, et = nx * ex + ny * ey, nx * ey - ny * ex
+        r2 = en * en + along * et * et
+        inliers += 1.0 if r2 < near else 0.0
+        w = c2 / (c2 + r2)
+        a = w * w
+        c = a * along
+        jn, jt = nx * ry * -1.0 + ny * rx, ny * ry + nx * rx
+        h00 += a * nx * nx + c * ny * ny
+        h01 += (a - c) * nx * ny
+        h11 += a * ny * ny + c * nx * nx
+        h02 += a * nx * jn - c * ny * jt
+        h12 += a * ny * jn + c * nx * jt
+        h22 += a * jn * jn + c * jt * jt
+        g0 += a * nx * en - c * ny * et
+        g1 += a * ny * en + c * nx * et
+        g2 += a * jn * en + c * jt * et
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = h00, h01, h02, h11, h12, h22
+    sums[6], sums[7], sums[8], sums[9] = g0, g1, g2, inliers
+
+
+@kernel
+def _linearise(tiles, i, pose, points, normals, stride, scale_m, m, work, hessian, gradient):  # type: ignore[no-untyped-def]
+    """Normal equations at `pose`, scaled to information; returns the inlier share (-1 where all is unknown)."""
+    count, known = _correspond(tiles, i, pose, points, normals, stride, work)
+    sums = work[7]
+    _accumulate(work, count, scale_m, m.sigma_m, m.tangent, sums)
+    s = stride * m.gain / (m.sigma_m * m.sigma_m)
+    hessian[0, 0], hessian[1, 1], hessian[2, 2] = s * sums[0], s * sums[3], s * sums[5]
+    hessian[0, 1] = hessian[1, 0] = s * sums[1]
+    hessian[0, 2] = hessian[2, 0] = s * sums[2]
+    hessian[1, 2] = hessian[2, 1] = s * sums[4]
+    gradient[0], gradient[1], gradient[2] = s * sums[6], s * sums[7], s * sums[8]
+    return sums[9] / known if known > 0 else -1.0
+
+
+@kernel
+def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type: ignore[no-untyped-def]
+    """Tempered log likelihood of a scan at `pose` in the map of particle i; every `stride`-th beam speaks for all."""
+    per_cell, cell_m = 1.0 / tiles.resolution_m, tiles.resolution_m
+    ox, oy = tiles.corner[0] * SIDE, tiles.corner[1] * SIDE
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    half_precision = 0.5 / (scale_m * scale_m)
+    total = 0.0
+    for b in range(0, points.shape[0], stride):
+        wx = pose[0] + cos * points[b, 0] - sin * points[b, 1]
+        wy = pose[1] + sin * points[b, 0] + cos * points[b, 1]
+        state, mx, my = nearest_surface(tiles, i, wx * per_cell - ox, wy * per_cell - oy)
+        if state == 0:
+            total += np.log(m.z_unknown)
+            continue
+        if state == 1:
+            total += np.log(m.z_rand)
+            continue
+        ex, ey = (mx + ox) * cell_m - wx, (my + oy) * cell_m - wy
+        nx = cos * normals[b, 0] - sin * normals[b, 1]
+        ny = sin * normals[b, 0] + cos * normals[b, 1]
+        along = m.tangent
+        if normals[b, 2] == 0.0:
+            nx, ny, along = 1.0, 0.0, 1.0
+        en, et = nx * ex + ny * ey, -ny * ex + nx * ey
+        total += np.log((1.0 - m.z_rand) * np.exp(-(en * en + along * et * et) * half_precision) + m.z_rand)
+    return m.gain * stride * total
+
+
+@kernel
+def _refine(tiles, i, pose, prior, prior_information, points, normals, m, work, hessian):  # type: ignore[no-untyped-def]
+    """Move `pose` to the maximum of likelihood x prior: wide robust cost first, then narrow. Returns the inlier share."""
+    step, gradient = np.empty(3), np.empty(3)
+    inliers = -1.0
+    wide = True
+    for k in range(m.iterations):
+        scale = m.wide_m if wide else 2 * m.sigma_m
+        inliers = _linearise(tiles, i, pose, points, normals, 2 if wide else 1, scale, m, work, hessian, gradient)
+        for r in range(3):
+            step[r] = wrap(prior[r] - pose[r]) if r == 2 else prior[r] - pose[r]
+        for r in range(3):
+            for c in range(3):
+                gradient[r] += prior_information[r, c] * step[c]
+                hessian[r, c] += prior_information[r, c]
+        _solve3(hessian, gradient, step)
+        pose[0] += step[0]
+        pose[1] += step[1]
+        pose[2] = wrap(pose[2] + step[2])
+        moved = abs(step[0]) + abs(step[1]) + 2.0 * abs(step[2])
+        if wide:
+            if moved < 0.02 or k >= m.iterations // 2:
+                wide = False
+        elif moved < 5e-4:
+            break
+    return inliers
+
+
+@kernel
+def _solve3(a, b, out):  # type: ignore[no-untyped-def]
+    """Solve the symmetric positive definite 3 x 3 system a out = b by Cholesky."""
+    l00 = np.sqrt(a[0, 0])
+    l10, l20 = a[1, 0] / l00, a[2, 0] / l00
+    l11 = np.sqrt(a[1, 1] - l10 * l10)
+    l21 = (a[2, 1] - l20 * l10) / l11
+    l22 = np.sqrt(a[2, 2] - l20 * l20 - l21 * l21)
+    y0 = b[0] / l00
+    y1 = (b[1] - l10 * y0) / l11
+    y2 = (b[2] - l20 * y0 - l21 * y1) / l22
+    out[2] = y2 / l22
+    out[1] = (y1 - l21 * out[2]) / l11
+    out[0] = (y0 - l10 * out[1] - l20 * out[2]) / l00
+
+
+@kernel
+def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
+    """Log density of the motion prior: Gaussian, or with probability `slip` uniform over the coarse window."""
+    d0, d1, d2 = pose[0] - prior[0], pose[1] - prior[1], wrap(pose[2] - prior[2])
+    q = (
+        information[0, 0] * d0 * d0
+        + information[1, 1] * d1 * d1
+        + information[2, 2] * d2 * d2
+        + 2 * (information[0, 1] * d0 * d1 + information[0, 2] * d0 * d2 + information[1, 2] * d1 * d2)
+    )
+    det = np.linalg.det(information)
+    gauss = np.sqrt(det) / (2 * np.pi) ** 1.5 * np.exp(-0.5 * q)
+    volume = 8 * m.coarse_xy_m * m.coarse_xy_m * m.coarse_yaw_rad
+    return np.log((1 - m.slip) * gauss + m.slip / volume)
+
+
+@kernel
+def _coarse_score(tiles, i, x, y, rotated, precision):  # type: ignore[no-untyped-def]
+    """Mean likelihood of end points by their distance to the nearest occupied cell; unknown cells count a third."""
+    per_cell = 1.0 / tiles.resolution_m
+    ox, oy = x * per_cell - tiles.corner[0] * SIDE, y * per_cell - tiles.corner[1] * SIDE
+    total = 0.0
+    for b in range(rotated.shape[0]):
+        ix, iy = int(np.floor(rotated[b, 0] + ox)), int(np.floor(rotated[b, 1] + oy))
+        tx, ty = ix >> BITS, iy >> BITS
+        if tx < 0 or ty < 0 or tx >= tiles.index.shape[2] or ty >= tiles.index.shape[1]:
+            total += 0.3
+            continue
+        tile = tiles.index[i, ty, tx]
+        if tile < 0:
+            total += 0.3
+            continue
+        cell = ((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1))
+        dx = np.int64(tiles.near[tile, cell, 0])
+        if dx == NONE:
+            if tiles.counts[tile, cell, 0] == 0:
+                total += 0.3
+            continue
+        dy = np.int64(tiles.near[tile, cell, 1])
+        total += precision[dx * dx + dy * dy]
+    return total / rotated.shape[0]
+
+
+@parallel_kernel
+def coarse(tiles, i, start, points, half_xy_m, half_yaw_rad, step_xy_m, step_yaw_rad, sigma_m):  # type: ignore[no-untyped-def]
+    """Correlative search around `start` in the map of particle i.
+
+    Returns (correction (3,) in the frame of `start`, its score, the score of `start`).
+    """
+    n_xy, n_yaw = int(np.ceil(half_xy_m / step_xy_m)), int(np.ceil(half_yaw_rad / step_yaw_rad))
+    yaws = 2 * n_yaw + 1
+    top = np.zeros((yaws, 3))
+    table = np.empty(2 * REACH * REACH + 1)
+    for k in range(table.size):
+        table[k] = np.exp(-0.5 * k * (tiles.resolution_m / sigma_m) ** 2)
+    per_cell = 1.0 / tiles.resolution_m
+    cos0, sin0 = np.cos(start[2]), np.sin(start[2])
+    here = np.zeros(yaws)
+    for a in prange(yaws):
+        yaw = start[2] + (a - n_yaw) * step_yaw_rad
+        cos, sin = np.cos(yaw) * per_cell, np.sin(yaw) * per_cell
+        rotated = np.empty((points.shape[0], 2))
+        for b in range(points.shape[0]):
+            rotated[b, 0] = cos * points[b, 0] - sin * points[b, 1]
+            rotated[b, 1] = sin * points[b, 0] + cos * points[b, 1]
+        for jx in range(-n_xy, n_xy + 1):
+            for jy in range(-n_xy, n_xy + 1):
+                dx, dy = jx * step_xy_m, jy * step_xy_m
+                x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
+                score = _coarse_score(tiles, i, x, y, rotated, table)
+                far = (jx * jx + jy * jy) / (2.0 * n_xy * n_xy) + ((a - n_yaw) / max(n_yaw, 1)) ** 2
+                if jx == 0 and jy == 0 and a == n_yaw:
+                    here[a] = score
+                score -= 0.03 * far
+                if score > top[a, 0]:
+                    top[a, 0], top[a, 1], top[a, 2] = score, dx, dy
+    best = n_yaw
+    for a in range(yaws):
+        if top[a, 0] > top[best, 0]:
+            best = a
+    correction = np.array([top[best, 1], top[best, 2], (best - n_yaw) * step_yaw_rad])
+    return correction, top[best, 0], here[n_yaw]
+
+
+@parallel_kernel
+def match(tiles, priors, prior_information, correction, points, normals, m):  # type: ignore[no-untyped-def]
+    """Maximum of p(scan | pose, map) p(pose | odometry) for each particle.
+
+    priors: (n, 3) poses predicted by odometry (m, rad); prior_information: (n, 3, 3); points, normals: (b, 2),
+    (b, 3) in the base frame; correction: (3,), a second start in the frame of the first, all zero for none.
+    Returns the fields of `Match`.
+    """
+    n = priors.shape[0]
+    poses = priors.copy()
+    information = np.zeros((n, 3, 3))
+    likelihood, prior_log = np.zeros(n), np.zeros(n)
+    inliers = np.zeros(n)
+    second = np.zeros(n, np.uint8)
+    corrected = correction[0] != 0.0 or correction[1] != 0.0 or correction[2] != 0.0
+    for i in prange(n):
+        work = np.empty((8, max(10, points.shape[0])))
+        inliers[i] = _refine(
+            tiles, i, poses[i], priors[i], prior_information[i], points, normals, m, work, information[i]
+        )
+        likelihood[i] = log_likelihood(tiles, i, poses[i], points, normals, m.sigma_m, m, 1)
+        prior_log[i] = log_prior(poses[i], priors[i], prior_information[i], m)
+        if corrected:
+            other, hessian = np.empty(3), np.empty((3, 3))
+            cos, sin = np.cos(priors[i, 2]), np.sin(priors[i, 2])
+            other[0] = priors[i, 0] + cos * correction[0] - sin * correction[1]
+            other[1] = priors[i, 1] + sin * correction[0] + cos * correction[1]
+            other[2] = wrap(priors[i, 2] + correction[2])
+            anchor = other.copy()
+            share = _refine(tiles, i, other, anchor, prior_information[i] * 0.25, points, normals, m, work, hessian)
+            found = log_likelihood(tiles, i, other, points, normals, m.sigma_m, m, 1)
+            before = log_prior(other, priors[i], prior_information[i], m)
+            if found + before > likelihood[i] + prior_log[i]:
+                second[i] = 1
+                poses[i] = other
+                information[i] = hessian
+                likelihood[i], prior_log[i], inliers[i] = found, before, share
+    return poses, information, likelihood, prior_log, inliers, second

@@ -1,0 +1,387 @@
+"""Grid maps of many particles in copy-on-write tiles.
+
+A tile holds 32 x 32 cells; particles that agree about a tile share it, so memory grows with the mapped area and
+with how much the particles differ, not with particles x area. A cell keeps how often a beam ended in it (hits)
+or touched it at all (visits), the mean of the end points (sub-cell accurate surface) and the offset to the
+nearest occupied cell (a truncated distance transform that is updated in place).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.jit import inline_kernel, kernel, parallel_kernel, prange
+
+BITS = 5
+SIDE = 1 << BITS
+CELLS = SIDE * SIDE
+NONE = 127
+FREE = 255
+REACH = 8
+"""Cells up to which the nearest occupied cell is known (0.4 m at 0.05 m)."""
+_SATURATED = 254
+_STEP = 1.0 / 254.0
+
+
+class Tiles(NamedTuple):
+    """The pool of tiles and each particle's table of them.
+
+    index: int32 (n, rows, cols), tile number or -1; corner: int64 (2,), tile coordinates of index[:, 0, 0];
+    refs: int32 (capacity,); free: int32 (capacity,), a stack; top: int64 (1,), its height;
+    counts: uint8 (capacity, 1024, 2), visits and hits; mean: float32 (capacity, 1024, 2), in cells from the cell's corner;
+    near: int8 (capacity, 1024, 2), offset in cells to the nearest occupied cell, NONE where there is none in reach;
+    surface: uint8 (capacity, 1024, 2), the mean in 1/254 cell, FREE where the cell is not occupied. Matching reads
+    only `near` and `surface` (4 KiB a tile, so that what a scan sees stays in the cache).
+    """
+
+    index: NDArray[np.int32]
+    corner: NDArray[np.int64]
+    refs: NDArray[np.int32]
+    free: NDArray[np.int32]
+    top: NDArray[np.int64]
+    counts: NDArray[np.uint8]
+    mean: NDArray[np.float32]
+    near: NDArray[np.int8]
+    surface: NDArray[np.uint8]
+    resolution_m: float
+
+
+def empty(n: int, resolution_m: float, capacity: int = 1024) -> Tiles:
+    """Tables for `n` particles, all of the world unknown, centred on the origin."""
+    return Tiles(
+        index=np.full((n, 16, 16), -1, np.int32),
+        corner=np.array([-8, -8], np.int64),
+        refs=np.zeros(capacity, np.int32),
+        free=np.arange(capacity, dtype=np.int32)[::-1].copy(),
+        top=np.array([capacity], np.int64),
+        counts=np.zeros((capacity, CELLS, 2), np.uint8),
+        mean=np.zeros((capacity, CELLS, 2), np.float32),
+        near=np.full((capacity, CELLS, 2), NONE, np.int8),
+        surface=np.full((capacity, CELLS, 2), FREE, np.uint8),
+        resolution_m=resolution_m,
+    )
+
+
+def cover(tiles: Tiles, low_xy_m: NDArray[np.float64], high_xy_m: NDArray[np.float64]) -> Tiles:
+    """Grow the tables so that they hold the box `low_xy_m` .. `high_xy_m` (m, map frame) with a tile to spare."""
+    side_m = SIDE * tiles.resolution_m
+    low = np.floor(low_xy_m / side_m).astype(np.int64) - 1
+    high = np.floor(high_xy_m / side_m).astype(np.int64) + 2
+    n, rows, cols = tiles.index.shape
+    old_high = tiles.corner + np.array([cols, rows])
+    if (low >= tiles.corner).all() and (high <= old_high).all():
+        return tiles
+    grown = np.maximum(16, (old_high - tiles.corner) // 4)
+    corner = np.where(low < tiles.corner, np.minimum(low, tiles.corner - grown), tiles.corner)
+    top = np.where(high > old_high, np.maximum(high, old_high + grown), old_high)
+    index = np.full((n, top[1] - corner[1], top[0] - corner[0]), -1, np.int32)
+    dx, dy = tiles.corner - corner
+    index[:, dy : dy + rows, dx : dx + cols] = tiles.index
+    return tiles._replace(index=index, corner=corner)
+
+
+def _with_room(tiles: Tiles, needed: int) -> Tiles:
+    """Grow the pool until `needed` tiles are free; what a tile holds is set when it is taken."""
+    free = int(tiles.top[0])
+    if free >= needed:
+        return tiles
+    old = tiles.refs.size
+    new = max(old + needed - free, 2 * old)
+    stack = np.concatenate([np.arange(old, new, dtype=np.int32)[::-1], tiles.free[:free]])
+    return tiles._replace(
+        refs=_grown(tiles.refs, new),
+        free=np.concatenate([stack, np.zeros(new - stack.size, np.int32)]),
+        top=np.array([stack.size], np.int64),
+        counts=_grown(tiles.counts, new),
+        mean=_grown(tiles.mean, new),
+        near=_grown(tiles.near, new),
+        surface=_grown(tiles.surface, new),
+    )
+
+
+def _grown(array: NDArray[Any], capacity: int) -> NDArray[Any]:
+    out = np.empty((capacity, *array.shape[1:]), array.dtype)
+    out[: array.shape[0]] = array
+    if array.ndim == 1:
+        out[array.shape[0] :] = 0
+    return out
+
+
+def resample(tiles: Tiles, ancestors: NDArray[np.int64]) -> Tiles:
+    """Give particle i the tiles of particle ancestors[i]: tables are copied, tiles are shared."""
+    index = tiles.index[ancestors]
+    _recount(tiles.index, index, tiles.refs, tiles.free, tiles.top)
+    return tiles._replace(index=index)
+
+
+@kernel
+def _recount(old, new, refs, free, top):  # type: ignore[no-untyped-def]
+    """Move the reference counts from the old tables to the new ones; tiles nobody holds go back to the stack."""
+    for tile in new.ravel():
+        if tile >= 0:
+            refs[tile] += 1
+    for tile in old.ravel():
+        if tile >= 0:
+            refs[tile] -= 1
+            if refs[tile] == 0:
+                free[top[0]] = tile
+                top[0] += 1
+
+
+def own(tiles: Tiles, touched: NDArray[np.uint8]) -> Tiles:
+    """Make every touched tile the particle's own: fresh where unknown, a copy where shared.
+
+    touched: uint8 (n, rows, cols), as `touch` marks it.
+    """
+    foreign = _foreign(tiles.index, tiles.refs, touched)
+    if foreign.size:
+        tiles = _with_room(tiles, foreign.size)
+        _take_ownership(tiles, foreign)
+    return tiles
+
+
+@kernel
+def _foreign(index, refs, touched):  # type: ignore[no-untyped-def]
+    """Flat table positions that are touched but not the particle's own."""
+    flat, marks = index.ravel(), touched.ravel()
+    out = np.empty(flat.size, np.int64)
+    count = 0
+    for k in range(flat.size):
+        if marks[k] and (flat[k] < 0 or refs[flat[k]] > 1):
+            out[count] = k
+            count += 1
+    return out[:count].copy()
+
+
+@kernel
+def _take_ownership(tiles, foreign):  # type: ignore[no-untyped-def]
+    flat = tiles.index.reshape(tiles.index.size)
+    for k in foreign:
+        old = flat[k]
+        if old >= 0 and tiles.refs[old] == 1:
+            continue
+        tiles.top[0] -= 1
+        tile = tiles.free[tiles.top[0]]
+        tiles.refs[tile] = 1
+        flat[k] = tile
+        if old < 0:
+            tiles.counts[tile] = 0
+            tiles.near[tile] = NONE
+            tiles.surface[tile] = FREE
+        else:
+            tiles.refs[old] -= 1
+            tiles.counts[tile] = tiles.counts[old]
+            tiles.mean[tile] = tiles.mean[old]
+            tiles.near[tile] = tiles.near[old]
+            tiles.surface[tile] = tiles.surface[old]
+
+
+@inline_kernel
+def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
+    """Surface point nearest to (gx, gy), in cells from the table's corner.
+
+    Returns (state, x, y): state 2 with the mean end point of the nearest occupied cell, 1 where the cell was seen
+    but nothing is near, 0 where the map is unknown.
+    """
+    ix, iy = int(np.floor(gx)), int(np.floor(gy))
+    tx, ty = ix >> BITS, iy >> BITS
+    if tx < 0 or ty < 0 or tx >= tiles.index.shape[2] or ty >= tiles.index.shape[1]:
+        return 0, 0.0, 0.0
+    tile = tiles.index[i, ty, tx]
+    if tile < 0:
+        return 0, 0.0, 0.0
+    cell = ((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1))
+    dx = np.int64(tiles.near[tile, cell, 0])
+    if dx == NONE:
+        return (1 if tiles.counts[tile, cell, 0] > 0 else 0), 0.0, 0.0
+    jx, jy = ix + dx, iy + np.int64(tiles.near[tile, cell, 1])
+    tx, ty = jx >> BITS, jy >> BITS
+    tile = tiles.index[i, ty, tx]
+    cell = ((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1))
+    sx = tiles.surface[tile, cell, 0]
+    if sx == FREE:
+        return 1, 0.0, 0.0
+    return 2, jx + sx * _STEP, jy + tiles.surface[tile, cell, 1] * _STEP
+
+
+class Beams(NamedTuple):
+    """A scan to insert: origin (2,), sensor in the base frame (m); ends (b, 2), end points in the base frame (m);
+    hit (b,), 1 where the end is a surface; skip (b,), share of the beam near the sensor that its neighbours cover."""
+
+    origin: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    hit: NDArray[np.uint8]
+    skip: NDArray[np.float64]
+
+
+@parallel_kernel
+def touch(tiles, poses, beams):  # type: ignore[no-untyped-def]
+    """Mark the tiles that inserting a scan at each pose may write.
+
+    poses: (n, 3) of the base in the map frame (m, rad). Returns uint8 (n, rows, cols).
+    """
+    n, rows, cols = tiles.index.shape
+    touched = np.zeros((n, rows, cols), np.uint8)
+    per_tile = 1.0 / (tiles.resolution_m * SIDE)
+    margin = (REACH + 1) / SIDE
+    for i in prange(n):
+        cos, sin = np.cos(poses[i, 2]) * per_tile, np.sin(poses[i, 2]) * per_tile
+        bx, by = poses[i, 0] * per_tile - tiles.corner[0], poses[i, 1] * per_tile - tiles.corner[1]
+        sx = bx + cos * beams.origin[0] - sin * beams.origin[1]
+        sy = by + sin * beams.origin[0] + cos * beams.origin[1]
+        for b in range(beams.hit.size):
+            ex = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1]
+            ey = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1]
+            _walk(sx, sy, ex - sx, ey - sy, touched[i])
+            if beams.hit[b]:
+                for ty in (int(np.floor(ey - margin)), int(np.floor(ey + margin))):
+                    for tx in (int(np.floor(ex - margin)), int(np.floor(ex + margin))):
+                        touched[i, ty, tx] = 1
+    return touched
+
+
+@inline_kernel
+def _walk(x, y, dx, dy, touched):  # type: ignore[no-untyped-def]
+    """Mark the tiles within a cell and a half of the segment from (x, y) along (dx, dy), in tiles."""
+    margin = 1.5 / SIDE
+    steep = abs(dy) > abs(dx)
+    if steep:
+        x, y, dx, dy = y, x, dy, dx
+    slope = dy / dx if dx != 0.0 else 0.0
+    low, high = min(x, x + dx), max(x, x + dx)
+    for c in range(int(low - margin), int(high + margin) + 1):
+        at, to = y + (max(low, c) - x) * slope, y + (min(high, c + 1.0) - x) * slope
+        for r in range(int(min(at, to) - margin), int(max(at, to) + margin) + 1):
+            if steep:
+                touched[c, r] = 1
+            else:
+                touched[r, c] = 1
+
+
+@parallel_kernel
+def insert(tiles, poses, beams):  # type: ignore[no-untyped-def]
+    """Draw a scan into each particle's map, whose touched tiles it must own: free along the beams, hit at their ends."""
+    per_cell = 1.0 / tiles.resolution_m
+    for i in prange(poses.shape[0]):
+        cos, sin = np.cos(poses[i, 2]) * per_cell, np.sin(poses[i, 2]) * per_cell
+        bx, by = poses[i, 0] * per_cell - tiles.corner[0] * SIDE, poses[i, 1] * per_cell - tiles.corner[1] * SIDE
+        sx = bx + cos * beams.origin[0] - sin * beams.origin[1]
+        sy = by + sin * beams.origin[0] + cos * beams.origin[1]
+        for b in range(beams.hit.size):
+            dx = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1] - sx
+            dy = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1] - sy
+            t = beams.skip[b]
+            _pass_through(tiles, i, sx + t * dx, sy + t * dy, (1 - t) * dx, (1 - t) * dy)
+        for b in range(beams.hit.size):
+            if beams.hit[b]:
+                ex = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1]
+                ey = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1]
+                _hit(tiles, i, ex, ey)
+
+
+@inline_kernel
+def _pass_through(tiles, i, x, y, dx, dy):  # type: ignore[no-untyped-def]
+    """Count a visit in one cell per step of the beam's longer axis, but its last (Bresenham's choice of cells)."""
+    steep = abs(dy) > abs(dx)
+    if steep:
+        x, y, dx, dy = y, x, dy, dx
+    first = int(x)
+    steps = abs(int(x + dx) - first)
+    if steps == 0:
+        return
+    step = 1 if dx > 0 else -1
+    slope = dy / abs(dx)
+    v = y + ((first + 0.5 - x) * step) * slope
+    u, tu, tv, tile = first, -1, -1, 0
+    for _ in range(steps):
+        w = int(v)
+        if (u >> BITS) != tu or (w >> BITS) != tv:
+            tu, tv = u >> BITS, w >> BITS
+            tile = tiles.index[i, tu, tv] if steep else tiles.index[i, tv, tu]
+        cell = (((u & (SIDE - 1)) << BITS) | (w & (SIDE - 1))) if steep else (((w & (SIDE - 1)) << BITS) | (u & (SIDE - 1)))
+        seen, hits = np.int64(tiles.counts[tile, cell, 0]) + 1, np.int64(tiles.counts[tile, cell, 1])
+        if hits > 0 and 4 * hits <= seen:
+            tiles.surface[tile, cell, 0] = FREE
+        if seen > _SATURATED:
+            tiles.counts[tile, cell, 1] = hits >> 1
+            seen >>= 1
+        tiles.counts[tile, cell, 0] = seen
+        u += step
+        v += slope
+
+
+@kernel
+def _hit(tiles, i, x, y):  # type: ignore[no-untyped-def]
+    """Count an end point; a cell that becomes occupied is announced to the cells around it."""
+    cx, cy = int(np.floor(x)), int(np.floor(y))
+    tile = tiles.index[i, cy >> BITS, cx >> BITS]
+    cell = ((cy & (SIDE - 1)) << BITS) | (cx & (SIDE - 1))
+    visits, hits = np.int64(tiles.counts[tile, cell, 0]) + 1, np.int64(tiles.counts[tile, cell, 1]) + 1
+    if visits > _SATURATED:
+        hits >>= 1
+        visits >>= 1
+    tiles.counts[tile, cell, 0], tiles.counts[tile, cell, 1] = visits, hits
+    if hits == 1:
+        tiles.mean[tile, cell, 0] = x - cx
+        tiles.mean[tile, cell, 1] = y - cy
+    else:
+        tiles.mean[tile, cell, 0] += (x - cx - tiles.mean[tile, cell, 0]) / hits
+        tiles.mean[tile, cell, 1] += (y - cy - tiles.mean[tile, cell, 1]) / hits
+    if 4 * hits <= visits:
+        return
+    fresh = tiles.surface[tile, cell, 0] == FREE
+    tiles.surface[tile, cell, 0] = np.uint8(tiles.mean[tile, cell, 0] * 254 + 0.5)
+    tiles.surface[tile, cell, 1] = np.uint8(tiles.mean[tile, cell, 1] * 254 + 0.5)
+    # a neighbour may still point at a nearer cell that has become free: announce this one again now and then
+    heal = hits == 8 or hits == 64 or hits == 512
+    if fresh or heal:
+        _announce(tiles, i, cx, cy, heal)
+
+
+@kernel
+def _announce(tiles, i, cx, cy, heal):  # type: ignore[no-untyped-def]
+    """Point the cells within REACH at the occupied cell (cx, cy) unless they know a nearer one (one still occupied)."""
+    for dy in range(-REACH, REACH + 1):
+        y = cy + dy
+        half = int(np.sqrt(REACH * REACH - dy * dy))
+        row = (y & (SIDE - 1)) << BITS
+        x, last = cx - half, cx + half
+        while x <= last:
+            tile = tiles.index[i, y >> BITS, x >> BITS]
+            stop = min(last, x | (SIDE - 1))
+            for px in range(x, stop + 1):
+                cell, dx = row | (px & (SIDE - 1)), px - cx
+                nx, ny = np.int64(tiles.near[tile, cell, 0]), np.int64(tiles.near[tile, cell, 1])
+                nearer = nx != NONE and nx * nx + ny * ny <= dx * dx + dy * dy
+                if nearer and heal:
+                    ox, oy = px + nx, y + ny
+                    other = tiles.index[i, oy >> BITS, ox >> BITS]
+                    k = ((oy & (SIDE - 1)) << BITS) | (ox & (SIDE - 1))
+                    nearer = tiles.surface[other, k, 0] != FREE
+                if not nearer:
+                    tiles.near[tile, cell, 0] = -dx
+                    tiles.near[tile, cell, 1] = -dy
+            x = stop + 1
+
+
+@kernel
+def classify(tiles, i):  # type: ignore[no-untyped-def]
+    """Cells of particle i as int8 (rows, cols) of its whole table: 0 free, 1 occupied, -1 unknown."""
+    _, rows, cols = tiles.index.shape
+    out = np.full((rows * SIDE, cols * SIDE), -1, np.int8)
+    for r in range(rows):
+        for c in range(cols):
+            tile = tiles.index[i, r, c]
+            if tile < 0:
+                continue
+            for k in range(CELLS):
+                if tiles.counts[tile, k, 0] > 0:
+                    occupied = tiles.surface[tile, k, 0] != FREE
+                    out[r * SIDE + (k >> BITS), c * SIDE + (k & (SIDE - 1))] = 1 if occupied else 0
+    return out
+
+
+def used(tiles: Tiles) -> int:
+    """How many tiles the particles hold together."""
+    return int(tiles.refs.size - tiles.top[0])

@@ -1,0 +1,20 @@
+"""Stratified resampling: one random pointer in each of N equal strata (Kitagawa 1996)."""
+
+import numpy as np
+
+from pfcli.core.jit import kernel
+
+
+@kernel
+def ancestors(weights, u):  # type: ignore[no-untyped-def]
+    """Parent of each offspring, in index order. weights: (n,), sum 1; u: (n,) in [0, 1)."""
+    n = weights.size
+    out = np.empty(n, np.int64)
+    total, k = weights[0], 0
+    for j in range(n):
+        pointer = (j + u[j]) / n
+        while pointer >= total and k < n - 1:
+            k += 1
+            total += weights[k]
+        out[j] = k
+    return out

@@ -1,0 +1,160 @@
+"""What a log says, as one NamedTuple per kind of reading: SI units, the robot's base frame, read-only arrays."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Pose2(NamedTuple):
+    """A pose in the plane (m, m, rad); as a mount: the sensor seen from base_link."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+
+
+class Odometry(NamedTuple):
+    """Pose in the odometry frame; the twist is NaN where the log has none."""
+
+    stamp_ns: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    vx_mps: float = float("nan")
+    vy_mps: float = float("nan")
+    yaw_rate_radps: float = float("nan")
+
+
+class Twist(NamedTuple):
+    """Velocity in the base frame."""
+
+    stamp_ns: int
+    vx_mps: float
+    vy_mps: float
+    yaw_rate_radps: float
+
+
+class Wheels(NamedTuple):
+    """Wheel angles (rad, cumulative) and speeds (rad/s), NaN where the log has none; names in the log's order."""
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    position_rad: NDArray[np.float64]
+    velocity_radps: NDArray[np.float64]
+
+
+class Ticks(NamedTuple):
+    """Encoder ticks, cumulative or per cycle as the message says."""
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    ticks: NDArray[np.int64]
+    ticks_per_turn: float
+    cumulative: bool
+
+
+class Heading(NamedTuple):
+    """Absolute heading of the robot, counter-clockwise from x (rad), with its standard deviation."""
+
+    stamp_ns: int
+    yaw_rad: float
+    sigma_rad: float
+
+
+class YawRate(NamedTuple):
+    """Turn rate of a gyroscope (rad/s)."""
+
+    stamp_ns: int
+    yaw_rate_radps: float
+
+
+class MagneticField(NamedTuple):
+    """Magnetic field in the sensor's frame (T)."""
+
+    stamp_ns: int
+    x_t: float
+    y_t: float
+    z_t: float
+
+
+class Scan(NamedTuple):
+    """A laser scan; beam i points at angle_min_rad + i angle_increment_rad in the sensor frame."""
+
+    stamp_ns: int
+    ranges_m: NDArray[np.float32]
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float
+    range_max_m: float
+    mount: Pose2
+
+
+class Sweep(NamedTuple):
+    """A scan with the odometry pose of its own stamp, and the stamp text of the log it was converted from ('' if none)."""
+
+    stamp_ns: int
+    odometry: tuple[float, float, float]
+    scan: Scan
+    source_stamp: str
+
+
+class Range(NamedTuple):
+    """One range finder's reading (m)."""
+
+    stamp_ns: int
+    topic: str
+    range_m: float
+    range_min_m: float
+    range_max_m: float
+    mount: Pose2
+
+
+class LinePoints(NamedTuple):
+    """Points of field lines, (n, 2) in the base frame (m)."""
+
+    stamp_ns: int
+    points_m: NDArray[np.float64]
+
+
+class Landmarks(NamedTuple):
+    """Detected landmarks: id (n,), range (n,) m, bearing (n,) rad, standard deviations (n, 2), NaN if not given."""
+
+    stamp_ns: int
+    ids: tuple[str, ...]
+    range_m: NDArray[np.float64]
+    bearing_rad: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+
+
+class Truth(NamedTuple):
+    """True pose of base_link in the map frame."""
+
+    stamp_ns: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
+class SourceStamp(NamedTuple):
+    """The stamp text of the log that a scan was converted from."""
+
+    stamp_ns: int
+    text: str
+
+
+Event = (
+    Odometry
+    | Twist
+    | Wheels
+    | Ticks
+    | Heading
+    | YawRate
+    | MagneticField
+    | Scan
+    | Range
+    | LinePoints
+    | Landmarks
+    | Truth
+    | SourceStamp
+)

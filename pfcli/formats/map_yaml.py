@@ -1,0 +1,95 @@
+"""Occupancy maps as nav2_map_server keeps them: an image and a YAML file beside it."""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from PIL import Image
+
+from pfcli.errors import LogError, reason
+from pfcli.events import Pose2
+
+FREE, UNKNOWN, OCCUPIED = 254, 205, 0
+MAX_PIXELS = 1 << 28
+
+
+class GridMap(NamedTuple):
+    """cells: int8 (rows, cols), row 0 at the bottom: 0 free, 1 occupied, -1 unknown; origin: pose of the lower left corner."""
+
+    cells: NDArray[np.int8]
+    resolution_m: float
+    origin: Pose2
+
+
+def write(folder: Path, grid: GridMap, name: str = "map") -> None:
+    """Write `name.pgm` and `name.yaml` (trinary, thresholds 0.65 and 0.196, full precision)."""
+    shades = np.full(grid.cells.shape, UNKNOWN, np.uint8)
+    shades[grid.cells == 0] = FREE
+    shades[grid.cells == 1] = OCCUPIED
+    rows, cols = shades.shape
+    (folder / f"{name}.pgm").write_bytes(b"P5\n%d %d\n255\n" % (cols, rows) + shades[::-1].tobytes())
+    x, y, yaw = (float(v) for v in grid.origin)
+    (folder / f"{name}.yaml").write_text(
+        f"image: {name}.pgm\nmode: trinary\nresolution: {float(grid.resolution_m)!r}\norigin: [{x!r}, {y!r}, {yaw!r}]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+
+
+def read(path: Path) -> GridMap:
+    """Read a map by its YAML file; honours negate, modes, thresholds, PNG and rotated origins."""
+    try:
+        header = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise LogError(f"{path}: cannot be read as map YAML ({reason(error)})") from None
+    if not isinstance(header, dict):
+        raise LogError(f"{path}: is not map YAML (no `image:` in it)")
+    resolution = _number(path, header, "resolution", low=1e-4)
+    free = _number(path, header, "free_thresh", 0.196)
+    occupied = _number(path, header, "occupied_thresh", 0.65)
+    if not 0 <= free < occupied <= 1:
+        raise LogError(f"{path}: free_thresh {free:g} must lie below occupied_thresh {occupied:g}, both in 0 .. 1")
+    mode = header.get("mode", "trinary")
+    if mode not in ("trinary", "scale", "raw"):
+        raise LogError(f"{path}: mode {mode!r} is none of trinary, scale, raw")
+    origin = header.get("origin", [0, 0, 0])
+    if not isinstance(origin, list) or len(origin) < 2 or not all(_finite(v) for v in origin[:3]):
+        raise LogError(f"{path}: origin must be [x, y, yaw]")
+    pixels = _image(path, header)
+    if mode == "raw":
+        cells = np.where(pixels == 0, 0, np.where(pixels <= 100, 1, -1)).astype(np.int8)
+    else:
+        shade = pixels.astype(np.float64) / 255.0
+        p = shade if header.get("negate", 0) else 1.0 - shade
+        cells = np.where(p > occupied, 1, np.where(p < free, 0, -1)).astype(np.int8)
+    yaw = float(origin[2]) if len(origin) > 2 else 0.0
+    return GridMap(np.ascontiguousarray(cells[::-1]), resolution, Pose2(float(origin[0]), float(origin[1]), yaw))
+
+
+def _finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _number(path: Path, header: dict[str, Any], name: str, default: float | None = None, low: float = 0.0) -> float:
+    value = header.get(name, default)
+    if not _finite(value) or value < low:  # type: ignore[operator]
+        raise LogError(f"{path}: {name} must be a number >= {low:g}, not {value!r}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _image(path: Path, header: dict[str, Any]) -> NDArray[np.uint8]:
+    name = header.get("image")
+    if not isinstance(name, str):
+        raise LogError(f"{path}: names no image")
+    image = path.parent / name
+    try:
+        with Image.open(image) as opened:
+            if opened.width * opened.height > MAX_PIXELS:
+                raise LogError(f"{image}: {opened.width} x {opened.height} pixels are more than a map can have")
+            return np.asarray(opened.convert("L"))
+    except FileNotFoundError:
+        raise LogError(f"{path}: its image {name!r} is not there") from None
+    except (OSError, SyntaxError, ValueError) as error:
+        raise LogError(f"{image}: cannot be read as an image ({reason(error)})") from None

@@ -1,0 +1,310 @@
+"""Messages of a log as events: which role a message type can play, and how its bytes are read.
+
+The hot types (scan, odometry) are decoded at fixed offsets; everything else goes through rosbags' type system or
+json. A payload that cannot be read raises ValueError; the caller counts it.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pfcli.events import (
+    Event,
+    Heading,
+    Landmarks,
+    LinePoints,
+    MagneticField,
+    Odometry,
+    Pose2,
+    Range,
+    Scan,
+    SourceStamp,
+    Ticks,
+    Truth,
+    Twist,
+    Wheels,
+    YawRate,
+)
+from pfcli.formats.schemas import typestore
+
+SECOND = 1_000_000_000
+
+ROLES: dict[str, dict[str, type]] = {
+    "odometry": {"nav_msgs/msg/Odometry": Odometry, "pfcli.Odometry": Odometry},
+    "encoders": {"sensor_msgs/msg/JointState": Wheels, "pfcli.WheelEncoders": Ticks},
+    "twist": {"geometry_msgs/msg/TwistStamped": Twist, "pfcli.Twist": Twist},
+    "imu": {"sensor_msgs/msg/Imu": YawRate},
+    "compass": {
+        "pfcli.Heading": Heading,
+        "sensor_msgs/msg/MagneticField": MagneticField,
+        "sensor_msgs/msg/Imu": Heading,
+    },
+    "scan": {"sensor_msgs/msg/LaserScan": Scan, "pfcli.LaserScan": Scan},
+    "range": {"sensor_msgs/msg/Range": Range, "pfcli.Range": Range},
+    "lines": {
+        "pfcli.LinePoints": LinePoints,
+        "soccer_vision_3d_msgs/msg/MarkingArray": LinePoints,
+    },
+    "landmarks": {
+        "pfcli.Landmarks": Landmarks,
+        "vision_msgs/msg/Detection3DArray": Landmarks,
+        "soccer_vision_3d_msgs/msg/GoalpostArray": Landmarks,
+    },
+    "truth": {
+        "geometry_msgs/msg/PoseStamped": Truth,
+        "pfcli.Pose2D": Truth,
+        "nav_msgs/msg/Odometry": Truth,
+    },
+    "source_stamp": {"std_msgs/msg/String": SourceStamp},
+}
+"""Role in a run -> message type -> event kind."""
+
+RANK = {role: rank for rank, role in enumerate(ROLES)}
+RANK.update(source_stamp=-1, scan=20, range=21, lines=22, landmarks=23, truth=-2)
+"""Order of events with equal stamps: truth and source stamp first, motion next, what depends on motion last."""
+
+Decoder = Callable[[Any, int, int, int], tuple[Event, str]]
+"""(buffer, offset, length, stamp_ns) -> the event and the frame it is given in."""
+
+
+def stamp_in_header(schema: str) -> bool:
+    """Whether a ROS type begins with a std_msgs/Header."""
+    return schema not in ("std_msgs/msg/String", "tf2_msgs/msg/TFMessage")
+
+
+def yaw_of(x: float, y: float, z: float, w: float) -> float:
+    """Heading of a quaternion."""
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+_U32 = struct.Struct("<I")
+_SCAN = struct.Struct("<7fI")
+_POSE = struct.Struct("<7d")
+_TWIST = struct.Struct("<6d")
+
+
+def _after_string(buffer: Any, start: int, at: int, end: int) -> tuple[int, int]:
+    """(length with the terminator, position after) of the CDR string at `at`; `start` is where alignment begins."""
+    at += -(at - start) % 4
+    (length,) = _U32.unpack_from(buffer, at)
+    if at + 4 + length > end:
+        raise ValueError("string longer than its message")
+    return length, at + 4 + length
+
+
+def _scan(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Scan, str]:
+    start, end = offset + 4, offset + length
+    name, at = _after_string(buffer, start, start + 8, end)
+    frame = bytes(buffer[at - name : at - 1]).decode() if name > 1 else ""
+    at += -(at - start) % 4
+    low, _high, step, _, _, shortest, longest, count = _SCAN.unpack_from(buffer, at)
+    if at + 32 + 4 * count > end:
+        raise ValueError("field 'ranges' is longer than its message")
+    ranges = np.frombuffer(buffer, np.float32, count, at + 32)
+    if not (math.isfinite(low) and math.isfinite(step)) or (step == 0.0 and count > 1):
+        raise ValueError("field 'angle_increment' is zero or not finite")
+    return Scan(stamp_ns, ranges, low, step, shortest, longest, Pose2()), frame
+
+
+def _odometry(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Odometry, str]:
+    start, end = offset + 4, offset + length
+    _, at = _after_string(buffer, start, start + 8, end)
+    name, at = _after_string(buffer, start, at, end)
+    frame = bytes(buffer[at - name : at - 1]).decode() if name > 1 else ""
+    at += -(at - start) % 8
+    if at + 680 > end:
+        raise ValueError("message is shorter than its type")
+    x, y, _, qx, qy, qz, qw = _POSE.unpack_from(buffer, at)
+    vx, vy, _, _, _, wz = _TWIST.unpack_from(buffer, at + 344)
+    yaw = yaw_of(qx, qy, qz, qw)
+    if not math.isfinite(x + y + yaw):
+        raise ValueError("field 'pose' is not finite")
+    return Odometry(stamp_ns, x, y, yaw, vx, vy, wz), frame
+
+
+def _via_rosbags(schema: str, convert: Callable[[Any, int], tuple[Event, str]]) -> Decoder:
+    store = typestore()
+
+    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event, str]:
+        try:
+            message = store.deserialize_cdr(memoryview(buffer)[offset : offset + length], schema)
+        except Exception as error:  # rosbags raises whatever its generated code trips over
+            raise ValueError(f"is not a {schema} ({type(error).__name__})") from None
+        return convert(message, stamp_ns)
+
+    return decode
+
+
+def _via_json(convert: Callable[[Any, int], tuple[Event, str]]) -> Decoder:
+    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event, str]:
+        try:
+            message = json.loads(bytes(buffer[offset : offset + length]))
+            return convert(message, stamp_ns)
+        except KeyError as error:
+            raise ValueError(f"has no field {error.args[0]!r}") from None
+        except (TypeError, AttributeError, UnicodeDecodeError) as error:
+            raise ValueError(f"does not follow its schema ({error})") from None
+
+    return decode
+
+
+def json_stamp(payload: bytes) -> int:
+    """Stamp of a JSON message (ns)."""
+    try:
+        stamp = json.loads(payload)["stamp_ns"]
+    except (KeyError, TypeError, UnicodeDecodeError):
+        raise ValueError("has no field 'stamp_ns'") from None
+    if isinstance(stamp, bool) or not isinstance(stamp, int) or not 0 <= stamp < 1 << 63:
+        raise ValueError("field 'stamp_ns' is not a whole number of nanoseconds")
+    return stamp
+
+
+def _floats(values: Any) -> Any:
+    return np.array([math.nan if v is None else v for v in values], np.float64)
+
+
+def _joint_state(m: Any, t: int) -> tuple[Wheels, str]:
+    n = len(m.name)
+    position = np.asarray(m.position, float) if len(m.position) == n else np.full(n, np.nan)
+    velocity = np.asarray(m.velocity, float) if len(m.velocity) == n else np.full(n, np.nan)
+    return Wheels(t, tuple(m.name), position, velocity), ""
+
+
+def _twist_stamped(m: Any, t: int) -> tuple[Twist, str]:
+    return Twist(t, m.twist.linear.x, m.twist.linear.y, m.twist.angular.z), ""
+
+
+def _imu_rate(m: Any, t: int) -> tuple[YawRate, str]:
+    return YawRate(t, m.angular_velocity.z), m.header.frame_id
+
+
+def _imu_heading(m: Any, t: int) -> tuple[Heading, str]:
+    if m.orientation_covariance[0] == -1:
+        raise ValueError("field 'orientation' is marked absent (orientation_covariance[0] is -1)")
+    q = m.orientation
+    variance = m.orientation_covariance[8]
+    return Heading(t, yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan), ""
+
+
+def _field(m: Any, t: int) -> tuple[MagneticField, str]:
+    f = m.magnetic_field
+    return MagneticField(t, f.x, f.y, f.z), m.header.frame_id
+
+
+def _range(m: Any, t: int) -> tuple[Range, str]:
+    return Range(t, "", m.range, m.min_range, m.max_range, Pose2()), m.header.frame_id
+
+
+def _pose_stamped(m: Any, t: int) -> tuple[Truth, str]:
+    p, q = m.pose.position, m.pose.orientation
+    return Truth(t, p.x, p.y, yaw_of(q.x, q.y, q.z, q.w)), m.header.frame_id
+
+
+def _odometry_truth(m: Any, t: int) -> tuple[Truth, str]:
+    return _pose_stamped(type("P", (), {"pose": m.pose.pose, "header": m.header}), t)
+
+
+def _markings(m: Any, t: int) -> tuple[LinePoints, str]:
+    points = [(e.x, e.y) for s in m.segments for e in (s.start, s.end)]
+    points += [(i.center.position.x, i.center.position.y) for i in m.intersections]
+    return LinePoints(t, np.array(points, float).reshape(-1, 2)), m.header.frame_id
+
+
+def _polar(t: int, ids: list[str], xy: list[tuple[float, float]]) -> Landmarks:
+    points = np.array(xy, float).reshape(-1, 2)
+    bearing = np.array([math.atan2(y, x) for x, y in points])
+    return Landmarks(t, tuple(ids), np.hypot(points[:, 0], points[:, 1]), bearing, np.full((len(ids), 2), np.nan))
+
+
+def _detections(m: Any, t: int) -> tuple[Landmarks, str]:
+    xy = [(d.bbox.center.position.x, d.bbox.center.position.y) for d in m.detections]
+    ids = [d.id or (d.results[0].hypothesis.class_id if len(d.results) else "") for d in m.detections]
+    return _polar(t, ids, xy), m.header.frame_id
+
+
+def _goalposts(m: Any, t: int) -> tuple[Landmarks, str]:
+    xy = [(p.bb.center.position.x, p.bb.center.position.y) for p in m.posts]
+    return _polar(t, [f"post{p.attributes.side}{p.attributes.team}" for p in m.posts], xy), m.header.frame_id
+
+
+def _text(m: Any, t: int) -> tuple[SourceStamp, str]:
+    return SourceStamp(t, m.data), ""
+
+
+def _j_landmarks(m: Any, t: int) -> tuple[Landmarks, str]:
+    rows = m["landmarks"]
+    sigma = [[r.get("sigma_range_m", math.nan), r.get("sigma_bearing_rad", math.nan)] for r in rows]
+    ids = tuple(str(r.get("id", "")) for r in rows)
+    ranges, bearings = _floats([r["range_m"] for r in rows]), _floats([r["bearing_rad"] for r in rows])
+    return Landmarks(t, ids, ranges, bearings, np.array(sigma, float).reshape(-1, 2)), ""
+
+
+def _j_scan(m: Any, t: int) -> tuple[Scan, str]:
+    ranges = np.array([math.inf if v is None else v for v in m["ranges_m"]], np.float32)
+    low, step = float(m["angle_min_rad"]), float(m["angle_increment_rad"])
+    limits = float(m.get("range_min_m", 0.0)), float(m.get("range_max_m", math.inf))
+    return Scan(t, ranges, low, step, *limits, Pose2()), str(m.get("frame_id", ""))
+
+
+def _j_range(m: Any, t: int) -> tuple[Range, str]:
+    value = math.inf if m["range_m"] is None else float(m["range_m"])
+    limits = float(m.get("range_min_m", 0.0)), float(m.get("range_max_m", math.inf))
+    return Range(t, "", value, *limits, Pose2()), str(m.get("frame_id", ""))
+
+
+def _j_odometry(m: Any, t: int) -> tuple[Odometry, str]:
+    twist = [float(m.get(k, math.nan)) for k in ("vx_mps", "vy_mps", "yaw_rate_radps")]
+    return Odometry(t, float(m["x_m"]), float(m["y_m"]), float(m["yaw_rad"]), *twist), ""
+
+
+def _j_ticks(m: Any, t: int) -> tuple[Ticks, str]:
+    names, ticks = tuple(m["names"]), np.array(m["ticks"], np.int64)
+    if len(names) != ticks.size:
+        raise ValueError("fields 'names' and 'ticks' differ in length")
+    return Ticks(t, names, ticks, float(m["ticks_per_turn"]), bool(m.get("cumulative", True))), ""
+
+
+_ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
+    ("encoders", "sensor_msgs/msg/JointState"): _joint_state,
+    ("twist", "geometry_msgs/msg/TwistStamped"): _twist_stamped,
+    ("imu", "sensor_msgs/msg/Imu"): _imu_rate,
+    ("compass", "sensor_msgs/msg/Imu"): _imu_heading,
+    ("compass", "sensor_msgs/msg/MagneticField"): _field,
+    ("range", "sensor_msgs/msg/Range"): _range,
+    ("truth", "geometry_msgs/msg/PoseStamped"): _pose_stamped,
+    ("truth", "nav_msgs/msg/Odometry"): _odometry_truth,
+    ("lines", "soccer_vision_3d_msgs/msg/MarkingArray"): _markings,
+    ("landmarks", "vision_msgs/msg/Detection3DArray"): _detections,
+    ("landmarks", "soccer_vision_3d_msgs/msg/GoalpostArray"): _goalposts,
+    ("source_stamp", "std_msgs/msg/String"): _text,
+}
+
+_JSON: dict[str, Callable[[Any, int], tuple[Any, str]]] = {
+    "pfcli.Odometry": _j_odometry,
+    "pfcli.Twist": lambda m, t: (
+        Twist(t, float(m["vx_mps"]), float(m.get("vy_mps", 0.0)), float(m["yaw_rate_radps"])),
+        "",
+    ),
+    "pfcli.WheelEncoders": _j_ticks,
+    "pfcli.Heading": lambda m, t: (Heading(t, float(m["yaw_rad"]), float(m.get("sigma_rad", math.nan))), ""),
+    "pfcli.Range": _j_range,
+    "pfcli.LaserScan": _j_scan,
+    "pfcli.LinePoints": lambda m, t: (LinePoints(t, np.array(m["points_m"], float).reshape(-1, 2)), ""),
+    "pfcli.Landmarks": _j_landmarks,
+    "pfcli.Pose2D": lambda m, t: (Truth(t, float(m["x_m"]), float(m["y_m"]), float(m["yaw_rad"])), ""),
+}
+
+
+def decoder(role: str, schema: str) -> Decoder:
+    """How a message of type `schema` is read in `role`."""
+    if (role, schema) == ("scan", "sensor_msgs/msg/LaserScan"):
+        return _scan
+    if (role, schema) == ("odometry", "nav_msgs/msg/Odometry"):
+        return _odometry
+    if schema.startswith("pfcli."):
+        return _via_json(_JSON[schema])
+    return _via_rosbags(schema, _ROS[role, schema])

@@ -1,0 +1,63 @@
+"""Parquet tables with units in the field metadata and what determines them in the file metadata."""
+
+import json
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pfcli.errors import LogError, reason
+
+_UNITS = (("_ns", "ns"), ("_m2", "m^2"), ("_rad2", "rad^2"), ("_mrad", "m rad"), ("_rad", "rad"), ("_m", "m"), ("_s", "s"))
+
+
+def unit_of(name: str) -> str:
+    """Unit of a column, from the suffix of its name."""
+    return next((unit for suffix, unit in _UNITS if name.endswith(suffix)), "1")
+
+
+def write(path: Path, columns: Mapping[str, Any], provenance: Mapping[str, object]) -> None:
+    """Write columns (arrays of equal length) with `provenance` as the file metadata `pfcli`."""
+    fields, arrays = [], []
+    for name, values in columns.items():
+        array = values if isinstance(values, pa.Array) else pa.array(values)
+        fields.append(pa.field(name, array.type, metadata={"unit": unit_of(name)}))
+        arrays.append(array)
+    schema = pa.schema(fields, metadata={"pfcli": json.dumps(provenance, sort_keys=True)})
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd", version="2.6")
+
+
+def columns_of(rows: Sequence[Any], kind: type) -> dict[str, Any]:
+    """Columns of NamedTuple rows; the annotations of `kind` are the schema."""
+    hints = typing.get_type_hints(kind)
+    found: dict[str, Any] = {}
+    for k, (name, hint) in enumerate(hints.items()):
+        optional = isinstance(hint, types.UnionType)
+        base = next(t for t in typing.get_args(hint) if t is not type(None)) if optional else hint
+        dtype = {int: pa.int64(), float: pa.float64(), str: pa.string(), bool: pa.bool_()}[base]
+        found[name] = pa.array([row[k] for row in rows], dtype)
+    return found
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Columns of a table as numpy arrays (strings as lists)."""
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise LogError(f"{path}: cannot be read as Parquet ({reason(error)})") from None
+    return {
+        name: column.to_pylist() if pa.types.is_string(column.type) else np.asarray(column)
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    }
+
+
+def provenance(path: Path) -> dict[str, Any]:
+    """The file metadata `pfcli` of a table."""
+    metadata = pq.read_schema(path).metadata or {}
+    found: dict[str, Any] = json.loads(metadata.get(b"pfcli", b"{}"))
+    return found

@@ -1,0 +1,57 @@
+"""The systems by the name of their command; a module is imported only when its system is used."""
+
+import importlib
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+SYSTEMS = {
+    "slam-gdr": "pfcli.systems.slam_gdr.filter:SYSTEM",
+}
+
+PARAMS = {
+    "slam-gdr": "pfcli.systems.slam_gdr.params:Params",
+}
+
+SUMMARY = {
+    "slam-gdr": "Rao-Blackwellised SLAM with Gaussian distributed resampling.",
+}
+
+
+class System(NamedTuple):
+    """One particle-filter system.
+
+    needs: alternatives, each a set of event kinds that is enough to run; wants: what it can use beside them;
+    load(params, settings) -> assets (tables, maps); init(params, assets, first odometry pose, draw) -> state;
+    step(state, reading, assets, params, draw) -> (state, Info or None); finish(state, ...) -> Result.
+    """
+
+    name: str
+    params: type
+    info: type
+    needs: tuple[frozenset[str], ...]
+    load: Callable[..., Any]
+    init: Callable[..., Any]
+    step: Callable[..., Any]
+    finish: Callable[..., Any]
+
+
+def _resolve(target: str) -> Any:
+    module, name = target.split(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def system(name: str) -> System:
+    """The System record behind a command name."""
+    found: System = _resolve(SYSTEMS[name])
+    return found
+
+
+def params_class(name: str) -> type:
+    """The Params class of a system, without importing its kernels."""
+    found: type = _resolve(PARAMS[name])
+    return found
+
+
+def all_systems() -> Iterator[System]:
+    """Every registered system (contract tests iterate over it)."""
+    return (system(name) for name in SYSTEMS)

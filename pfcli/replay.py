@@ -1,0 +1,343 @@
+"""MCAP logs as one time-ordered stream of events, as fast as the disk gives them and in bounded memory.
+
+The order is total: (stamp, rank of the topic's role, sequence), made by a reorder buffer. Messages are decoded only
+where a role of the run asks for their topic. What is lost on the way is counted, never silent.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.jit import kernel
+from pfcli.errors import LogError, UsageError, printable
+from pfcli.events import Event, Odometry, Range, Scan, Truth
+from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
+from pfcli.formats.mcap_records import Batch, Channel, McapFile
+from pfcli.formats.messages import RANK, ROLES, SECOND, Decoder, decoder, json_stamp, stamp_in_header, yaw_of
+from pfcli.formats.schemas import typestore
+
+SOURCE_STAMP_TOPIC = "/source_stamp"
+_TF = "tf2_msgs/msg/TFMessage"
+_TRUTH_NAMES = ("truth", "ground_truth", "groundtruth", "mocap", "reference")
+_FAR_NS = 10 * 365 * 86400 * SECOND
+
+
+class Settings(NamedTuple):
+    """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s) and extrinsics."""
+
+    topics: Mapping[str, str] = {}
+    clock: str = "header"
+    start_s: float | None = None
+    end_s: float | None = None
+    reorder_s: float = 2.0
+    offsets_s: Mapping[str, float] = {}
+    extrinsics: Sequence[str] = ()
+
+
+class Loss:
+    """What a replay had to leave out: counts by reason, and the sentences that say where."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.notes: list[str] = []
+        self.read: Counter[str] = Counter()
+
+    def add(self, why: str, note: str) -> None:
+        self.counts[why] += 1
+        if self.counts[why] == 1:
+            self.notes.append(note)
+
+    def __bool__(self) -> bool:
+        return bool(self.counts)
+
+
+class Log:
+    """An opened log: its channels are known, its events can be replayed any number of times."""
+
+    def __init__(self, path: Path, settings: Settings = Settings()) -> None:
+        self.path = path
+        self.settings = settings
+        self.loss = Loss()
+        self._file = McapFile(path)
+        self._file.survey()
+        self._extrinsics = self._read_extrinsics()
+
+    @property
+    def channels(self) -> list[Channel]:
+        return list(self._file.channels.values())
+
+    def topics(self) -> dict[str, str]:
+        """Topic -> message type, in the file's order."""
+        return {c.topic: c.schema_name for c in self.channels}
+
+    def roles(self) -> dict[str, list[str]]:
+        """Role -> the topics that could play it, by message type, name and `--topic`."""
+        found: dict[str, list[str]] = {}
+        for role, types in ROLES.items():
+            mapped = self.settings.topics.get(role)
+            if mapped is not None:
+                found[role] = [mapped]
+                continue
+            for topic, schema in self.topics().items():
+                if schema in types and _fits(role, topic, schema) and topic not in self.settings.topics.values():
+                    found.setdefault(role, []).append(topic)
+        return found
+
+    def choose(self, role: str) -> str | None:
+        """The topic of a role, or None where the log has none. Raises UsageError where there are several."""
+        topics = self.roles().get(role, [])
+        if len(topics) > 1 and role != "range":
+            names = ", ".join(printable(t) for t in topics)
+            raise UsageError(f"{self.path}: several topics can be the {role}: {names}; choose with --topic {role}=TOPIC")
+        return topics[0] if topics else None
+
+    def _read_extrinsics(self) -> Extrinsics:
+        found = Extrinsics()
+        static = {c.id for c in self.channels if c.schema_name == _TF and c.topic.endswith("tf_static")}
+        if static:
+            for batch in self._file.batches():
+                for k in np.flatnonzero(np.isin(batch.channel, list(static))).tolist():
+                    payload = batch.data[batch.offset[k] : batch.offset[k] + batch.length[k]]
+                    for t in _transforms(payload):
+                        found.add(
+                            t.header.frame_id,
+                            t.child_frame_id,
+                            from_transform(t.transform.translation, t.transform.rotation),
+                        )
+        self._file.losses.clear()
+        self._file.partial = False
+        found.add_flags(self.settings.extrinsics)
+        return found
+
+    def events(self, roles: Sequence[str]) -> Iterator[Event]:
+        """Events of the topics that play `roles`, in the total order."""
+        sources = [s for role in roles for s in self._sources(role)]
+        self.loss = Loss()
+        yield from _Merge(self, sources, self._extrinsics).events()
+        for note in self._file.losses:
+            self.loss.add("damaged", note)
+
+    def _sources(self, role: str) -> list["_Source"]:
+        topics = self.roles().get(role, []) if role == "range" else [self.choose(role)]
+        sources = []
+        for topic in topics:
+            if topic is None:
+                continue
+            name, _, frames = topic.partition(":") if topic.lstrip("/").startswith("tf:") else (topic, "", "")
+            name = "/tf" if frames else name
+            channels = [c for c in self.channels if c.topic == name]
+            if not channels:
+                have = ", ".join(printable(t) for t in self.topics()) or "none"
+                raise UsageError(f"{self.path}: --topic {role}={topic}: no such topic; the log has {have}")
+            for c in channels:
+                if not frames and c.schema_name not in ROLES[role]:
+                    legal = ", ".join(ROLES[role])
+                    raise UsageError(
+                        f"{self.path}: topic {printable(topic)!r} has type {printable(c.schema_name) or 'none'};"
+                        f" the {role} can be {legal}"
+                    )
+                sources.append(_Source(role, c, _tf_decoder(role, frames) if frames else decoder(role, c.schema_name)))
+        return sources
+
+
+def _fits(role: str, topic: str, schema: str) -> bool:
+    """Types that could play several roles are told apart by the topic's name."""
+    named_truth = any(word in topic.lower() for word in _TRUTH_NAMES)
+    if schema in ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"):
+        return named_truth == (role == "truth")
+    if role == "compass" and schema == "sensor_msgs/msg/Imu":
+        return "compass" in topic.lower()
+    return topic == SOURCE_STAMP_TOPIC if role == "source_stamp" else True
+
+
+class _Source(NamedTuple):
+    role: str
+    channel: Channel
+    decode: Decoder
+
+
+def _transforms(payload: bytes | memoryview) -> Any:
+    try:
+        return typestore().deserialize_cdr(memoryview(payload), _TF).transforms
+    except Exception:  # rosbags raises whatever its generated code trips over
+        return []
+
+
+def _tf_decoder(role: str, frames: str) -> Decoder:
+    """Read `parent.child` out of /tf messages as odometry or truth."""
+    parent, _, child = frames.partition(".")
+    kind = Truth if role == "truth" else Odometry
+
+    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event, str]:
+        for t in _transforms(memoryview(buffer)[offset : offset + length]):
+            if t.header.frame_id.lstrip("/") == parent and t.child_frame_id.lstrip("/") == child:
+                q, p = t.transform.rotation, t.transform.translation
+                stamp = t.header.stamp.sec * SECOND + t.header.stamp.nanosec
+                return kind(stamp, p.x, p.y, yaw_of(q.x, q.y, q.z, q.w)), ""
+        raise KeyError
+
+    return decode
+
+
+@kernel
+def _header_stamps(data, offset, length, out):  # type: ignore[no-untyped-def]
+    """Stamps (ns) of ROS headers; -1 where the payload is too short or not little endian."""
+    for k in range(offset.size):
+        at = offset[k]
+        if length[k] < 12 or data[at + 1] & 1 == 0:
+            out[k] = -1
+            continue
+        sec = np.int64(0)
+        nsec = np.int64(0)
+        for j in range(4):
+            sec |= np.int64(data[at + 4 + j]) << (8 * j)
+            nsec |= np.int64(data[at + 8 + j]) << (8 * j)
+        if sec >= 1 << 31:
+            sec -= 1 << 32
+        out[k] = sec * 1_000_000_000 + nsec if sec >= 0 and nsec < 1_000_000_000 else -1
+
+
+class _Merge:
+    """The reorder buffer: payloads wait until nothing earlier can come any more."""
+
+    def __init__(self, log: Log, sources: list[_Source], extrinsics: Extrinsics) -> None:
+        self._log = log
+        self._sources = sources
+        self._extrinsics = extrinsics
+        self._of_channel = {(s.channel.id, k): s for k, s in enumerate(sources)}
+        self._horizon = int(log.settings.reorder_s * SECOND)
+        self._buffers: dict[int, bytes | memoryview] = {}
+        self._rows = np.empty((0, 7), np.int64)
+        self._count = 0
+        self._latest = self._emitted = -(1 << 62)
+        self._first: int | None = None
+        self._mounts: dict[str, Mount] = {}
+
+    def events(self) -> Iterator[Event]:
+        for batch in self._log._file.batches():
+            self._take(batch)
+            yield from self._release(self._latest - self._horizon)
+        yield from self._release(1 << 62)
+
+    def _take(self, batch: Batch) -> None:
+        """Stamp the wanted messages of a batch and put them into the buffer."""
+        key = len(self._buffers) and max(self._buffers) + 1
+        view: NDArray[np.uint8] | None = None
+        for index, source in enumerate(self._sources):
+            picked = np.flatnonzero(batch.channel == source.channel.id)
+            if picked.size == 0:
+                continue
+            if view is None:
+                view = np.frombuffer(batch.data, np.uint8)
+                self._buffers[key] = batch.data
+            rows = np.empty((picked.size, 7), np.int64)
+            rows[:, 0] = self._stamps(source, batch, picked, view)
+            rows[:, 0] += int(self._log.settings.offsets_s.get(source.role, 0.0) * SECOND)
+            rows[:, 1] = RANK[source.role]
+            rows[:, 2] = np.arange(self._count, self._count + picked.size)
+            rows[:, 3], rows[:, 4] = index, key
+            rows[:, 5], rows[:, 6] = batch.offset[picked], batch.length[picked]
+            self._count += picked.size
+            self._rows = np.concatenate([self._rows, self._sane(rows, source)])
+        if self._rows.size:
+            self._latest = max(self._latest, int(self._rows[:, 0].max()))
+
+    def _sane(self, rows: NDArray[np.int64], source: _Source) -> NDArray[np.int64]:
+        """Drop messages without a usable stamp and those that come later than the buffer can mend."""
+        where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+        bad = rows[:, 0] < 0
+        if self._emitted > 0:
+            bad |= np.abs(rows[:, 0] - self._emitted) > _FAR_NS
+        late = ~bad & (rows[:, 0] < self._emitted)
+        for _ in range(int(bad.sum())):
+            self._log.loss.add("bad stamp", f"{where}, field 'stamp': not a usable time; such messages are skipped")
+        for stamp in rows[late, 0].tolist():
+            behind = (self._emitted - stamp) / SECOND
+            self._log.loss.add(
+                "late", f"{where}: time goes back by {behind:.3f} s; raise --reorder to mend it, or use --time log"
+            )
+        return rows[~(bad | late)]
+
+    def _stamps(
+        self, source: _Source, batch: Batch, picked: NDArray[np.int64], view: NDArray[np.uint8]
+    ) -> NDArray[np.int64]:
+        clock = self._log.settings.clock
+        if clock != "header" or (source.channel.encoding != "json" and not stamp_in_header(source.channel.schema_name)):
+            return (batch.publish_ns if clock == "publish" else batch.log_ns)[picked]
+        out = np.empty(picked.size, np.int64)
+        if source.channel.encoding == "json":
+            for k, (at, size) in enumerate(zip(batch.offset[picked], batch.length[picked], strict=True)):
+                try:
+                    out[k] = json_stamp(bytes(batch.data[at : at + size]))
+                except ValueError:
+                    out[k] = -1
+            return out
+        _header_stamps(view, batch.offset[picked], batch.length[picked], out)
+        return out
+
+    def _release(self, until: int) -> Iterator[Event]:
+        """Emit what is at least as old as `until`."""
+        ready = self._rows[:, 0] <= until
+        if not ready.any():
+            return
+        rows, self._rows = self._rows[ready], self._rows[~ready]
+        rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+        self._emitted = int(rows[-1, 0])
+        if self._first is None:
+            self._first = int(rows[0, 0])
+        low, high = self._window()
+        rows = rows[(rows[:, 0] >= low) & (rows[:, 0] <= high)]
+        for stamp, _, _, index, key, offset, length in rows.tolist():
+            event = self._decode(self._sources[index], self._buffers[key], offset, length, stamp)
+            if event is not None:
+                yield event
+        alive = set(np.unique(self._rows[:, 4]).tolist())
+        self._buffers = {key: data for key, data in self._buffers.items() if key in alive}
+
+    def _window(self) -> tuple[int, int]:
+        assert self._first is not None
+        start, end = self._log.settings.start_s, self._log.settings.end_s
+        low = self._first + int(start * SECOND) if start is not None else -(1 << 62)
+        return low, self._first + int(end * SECOND) if end is not None else 1 << 62
+
+    def _decode(self, source: _Source, data: Any, offset: int, length: int, stamp: int) -> Event | None:
+        try:
+            event, frame = source.decode(data, offset, length, stamp)
+        except KeyError:
+            return None
+        except (ValueError, struct.error) as error:
+            where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+            self._log.loss.add("unreadable message", f"{where}: a message {printable(str(error))}; it is skipped")
+            return None
+        self._log.loss.read[source.role] += 1
+        if isinstance(event, Scan | Range):
+            mount = self._mounts.get(frame)
+            if mount is None:
+                mount = self._extrinsics.mount(frame, self._log.path, source.channel.topic)
+                self._mounts[frame] = mount
+            if isinstance(event, Range):
+                return event._replace(topic=source.channel.topic, mount=mount.pose)
+            if mount.flipped:
+                return event._replace(
+                    mount=mount.pose,
+                    angle_min_rad=-event.angle_min_rad,
+                    angle_increment_rad=-event.angle_increment_rad,
+                )
+            return Scan(*event[:6], mount.pose)
+        return event
+
+
+def events(paths: Sequence[Path], roles: Sequence[str], settings: Settings = Settings()) -> Iterator[Event]:
+    """Events of several logs, one after the other (parts of one recording, as rosbag2 splits them)."""
+    last = -(1 << 62)
+    for path in paths:
+        for event in Log(path, settings).events(roles):
+            if event.stamp_ns < last:
+                raise LogError(f"{path}: begins before the log named in front of it ends; give the parts in order of time")
+            last = event.stamp_ns
+            yield event

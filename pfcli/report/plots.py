@@ -1,0 +1,51 @@
+"""Pictures of a run (matplotlib, Agg)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pfcli.errors import OutputError, UsageError, reason
+from pfcli.systems.result import Result
+
+KINDS = (".png", ".svg", ".pdf")
+
+
+def draw(path: Path, result: Result, title: str) -> None:
+    """Map with the track over it. The bytes depend on the result only (no date, fixed ids)."""
+    if path.suffix not in KINDS:
+        raise UsageError(f"--plot {path}: the ending must be one of {', '.join(KINDS)}")
+    import matplotlib
+
+    matplotlib.use("Agg")
+    matplotlib.rcParams["svg.hashsalt"] = "pfcli"
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(9, 8), layout="constrained")
+    if result.grid is not None:
+        _map(axes, result)
+    poses = result.track.poses
+    axes.plot(poses[:, 0], poses[:, 1], color="tab:red", linewidth=0.9, label="track")
+    axes.plot(*poses[0, :2], "o", color="tab:green", markersize=5, label="start")
+    axes.plot(*poses[-1, :2], "s", color="tab:blue", markersize=5, label="end")
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=title)
+    axes.legend(loc="upper right")
+    metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix, {})
+    try:
+        figure.savefig(path, dpi=110, metadata=metadata)
+    except OSError as error:
+        raise OutputError(f"--plot {path}: cannot be written ({reason(error)})") from None
+    finally:
+        pyplot.close(figure)
+
+
+def _map(axes: Any, result: Result) -> None:
+    grid = result.grid
+    assert grid is not None
+    shades = np.full(grid.cells.shape, 0.8)
+    shades[grid.cells == 0] = 1.0
+    shades[grid.cells == 1] = 0.0
+    rows, cols = grid.cells.shape
+    x, y = grid.origin.x_m, grid.origin.y_m
+    box = (x, x + cols * grid.resolution_m, y, y + rows * grid.resolution_m)
+    axes.imshow(shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=box, interpolation="nearest")

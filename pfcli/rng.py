@@ -1,0 +1,41 @@
+"""Random numbers that depend on seed, purpose and stamp only, so that adding a topic shifts no other noise."""
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Purpose(IntEnum):
+    """What a draw is for. Append only: the numbers are part of every recorded result."""
+
+    INIT = 0
+    MOTION = 1
+    PROPOSAL = 2
+    RESAMPLE = 3
+    DISPERSE = 4
+    SIMULATE = 5
+    BOOTSTRAP = 6
+
+
+def rng_for(seed: int, purpose: Purpose, stamp_ns: int, k: int = 0) -> np.random.Generator:
+    """Generator for the k-th draw of a purpose at a stamp."""
+    stamp = stamp_ns & ((1 << 64) - 1)
+    sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), stamp & 0xFFFFFFFF, stamp >> 32, k))
+    return np.random.Generator(np.random.PCG64(sequence))
+
+
+class Draw:
+    """Hands out generators and counts how often a purpose was asked for at a stamp."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._stamp_ns = -1
+        self._counts: dict[Purpose, int] = {}
+
+    def __call__(self, purpose: Purpose, stamp_ns: int) -> np.random.Generator:
+        if stamp_ns != self._stamp_ns:
+            self._stamp_ns = stamp_ns
+            self._counts.clear()
+        k = self._counts.get(purpose, 0)
+        self._counts[purpose] = k + 1
+        return rng_for(self._seed, purpose, stamp_ns, k)

@@ -1,0 +1,252 @@
+"""The loop shared by all systems: events in, results out."""
+
+import hashlib
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pfcli import __version__, align
+from pfcli.core.jit import set_threads
+from pfcli.errors import LogError, UsageError, printable
+from pfcli.events import Event, Sweep, Truth
+from pfcli.formats import map_yaml, parquet, tum
+from pfcli.params import to_toml
+from pfcli.progress import progress
+from pfcli.registry import System
+from pfcli.replay import Log, Loss, Settings
+from pfcli.report.metrics import Errors, align_se2, errors_against
+from pfcli.rng import Draw
+from pfcli.systems.result import Result
+
+
+class Job(NamedTuple):
+    """Everything that determines a run, and how it is shown."""
+
+    system: System
+    params: Any
+    paths: Sequence[Path]
+    seed: int = 0
+    settings: Settings = Settings()
+    motion: str = "auto"
+    drive: align.Drive = align.Drive()
+    truth: str | None = None
+    threads: int = 0
+    progress: str = "never"
+
+
+class Run(NamedTuple):
+    """What a job gave: the system's result, its Info rows, errors against truth, what was lost, and timings (s)."""
+
+    result: Result
+    infos: list[Any]
+    errors: Errors | None
+    loss: Loss
+    seconds: dict[str, float]
+    motion: str
+
+
+def execute(job: Job) -> Run:
+    """Replay the logs through the system. Raises LogError or UsageError before running where a need is not met."""
+    began = time.perf_counter()
+    if job.threads:
+        set_threads(job.threads)
+    logs = [Log(path, job.settings) for path in job.paths]
+    motion = motion_source(logs[0], job.motion)
+    roles = _roles(job, logs[0], motion)
+    loss = Loss()
+    truth: list[Truth] = []
+    assets = job.system.load(job.params, job)
+    draw = Draw(job.seed)
+    state, infos, scans = None, [], 0
+    opened = time.perf_counter()
+    sweeps = align.sweeps(_without_truth(_replay(logs, roles, loss), truth), motion, job.drive, loss)
+    for sweep in progress(_with_data(sweeps, loss), job.progress, job.system.name):
+        if state is None:
+            state = job.system.init(job.params, assets, sweep, draw)
+        state, info = job.system.step(state, sweep, assets, job.params, draw)
+        scans += 1
+        if info is not None:
+            infos.append(info)
+    looped = time.perf_counter()
+    if not infos:
+        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss)}")
+    result = job.system.finish(state, assets, job.params)
+    errors = _errors(job, result, truth)
+    seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
+    return Run(result, infos, errors, loss, seconds, motion)
+
+
+def motion_source(log: Log, wanted: str) -> str:
+    """Where motion comes from: as asked, else the first of odometry, encoders, twist that the log has."""
+    if wanted != "auto":
+        return wanted
+    return next((role for role in ("odometry", "encoders", "twist") if log.choose(role)), "odometry")
+
+
+def _roles(job: Job, log: Log, motion: str) -> list[str]:
+    """Topics to read; the error names what is missing, what the log has and the flag that maps one."""
+    roles = [*align.ROLES[motion], "scan"]
+    if motion == "imu":
+        roles += [r for r in ("twist", "odometry") if log.choose(r)][:1]
+    for role in roles:
+        if log.choose(role) is None:
+            have = ", ".join(f"{printable(t)} ({printable(s) or 'no schema'})" for t, s in log.topics().items()) or "nothing"
+            raise UsageError(
+                f"{log.path}: {job.system.name} needs {_NOUNS.get(role, role)}, and the log has {have};"
+                f" map a topic with --topic {role}=TOPIC" + (" or choose --motion" if role in align.ROLES[motion] else "")
+            )
+    roles += [r for r in ("source_stamp",) if log.choose(r)]
+    if job.truth is not None and not Path(job.truth).is_file():
+        if job.truth not in ("auto", ""):
+            log.settings = log.settings._replace(topics={**log.settings.topics, "truth": job.truth})
+        if log.choose("truth") is None:
+            raise UsageError(f"{log.path}: --truth: the log has no truth topic; name one, or a TUM file")
+        roles.append("truth")
+    return roles
+
+
+_NOUNS = {"odometry": "odometry", "scan": "laser scans", "imu": "an IMU", "encoders": "wheel encoders"}
+
+
+def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
+    last = -(1 << 62)
+    for log in logs:
+        for event in log.events(roles):
+            if event.stamp_ns < last:
+                raise LogError(f"{log.path}: begins before the log in front of it ends; give the parts in order of time")
+            last = event.stamp_ns
+            yield event
+        loss.counts.update(log.loss.counts)
+        loss.read.update(log.loss.read)
+        loss.notes.extend(log.loss.notes)
+
+
+def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Event]:
+    for event in events:
+        if isinstance(event, Truth):
+            truth.append(event)
+        else:
+            yield event
+
+
+def _with_data(sweeps: Iterator[Sweep], loss: Loss) -> Iterator[Sweep]:
+    """Leave out scans without a beam; note a beam count that changes (it is legal, but rarely meant) and long gaps."""
+    beams, last = None, None
+    for sweep in sweeps:
+        count = sweep.scan.ranges_m.size
+        if count == 0:
+            loss.add("empty scan", "topic of the scan, field 'ranges': a scan without beams; such scans are skipped")
+            continue
+        if beams is not None and count != beams:
+            loss.read["scans with another beam count"] += 1
+        if last is not None and sweep.stamp_ns - last > 60 * 1_000_000_000:
+            loss.read["gaps of more than a minute"] += 1
+        beams, last = count, sweep.stamp_ns
+        yield sweep
+
+
+def _nothing_ran(scans: int, loss: Loss) -> str:
+    if loss.notes:
+        return f"no scan could be used: {loss.notes[0]}"
+    return "no scan could be used" if scans == 0 else "none of its scans has a usable beam (see --max-range-m)"
+
+
+def _errors(job: Job, result: Result, truth: list[Truth]) -> Errors | None:
+    if job.truth is None:
+        return None
+    if truth:
+        stamps, poses = np.array([t.stamp_ns for t in truth]), np.array([t[1:4] for t in truth])
+    elif Path(job.truth).is_file():
+        stamps, poses = tum.read(Path(job.truth))
+    else:
+        raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
+    return errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, align_se2)
+
+
+def provenance(job: Job) -> dict[str, Any]:
+    """What determines every byte of the tables: version, system, seed, parameters, inputs, how they were read."""
+    return {
+        "version": __version__,
+        "system": job.system.name,
+        "seed": job.seed,
+        "params": dict(sorted(vars_of(job.params).items())),
+        "inputs": [{"name": path.name, "sha256": digest(path)} for path in job.paths],
+        "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {})},
+        "motion": job.motion,
+    }
+
+
+def vars_of(params: Any) -> dict[str, Any]:
+    """Parameters as a plain mapping."""
+    return {name: getattr(params, name) for name in params.__dataclass_fields__}
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
+    """Write every result file into `folder`; returns the summary, which also goes to run.json."""
+    import json
+
+    meta = provenance(job)
+    track = run.result.track
+    tum.write(folder / "track.tum", track.stamps_ns, track.poses)
+    columns: dict[str, Any] = {"t_ns": track.stamps_ns}
+    columns |= dict(zip(("x_m", "y_m", "yaw_rad"), track.poses.T, strict=True))
+    columns |= track.columns
+    if run.errors is not None:
+        columns |= {"error_m": run.errors.position_m, "error_yaw_rad": run.errors.yaw_rad}
+    parquet.write(folder / "track.parquet", columns, meta)
+    parquet.write(folder / "metrics.parquet", parquet.columns_of(run.infos, job.system.info), meta)
+    parquet.write(folder / "frames.parquet", _frame_columns(run.result), meta)
+    if run.result.grid is not None:
+        map_yaml.write(folder, run.result.grid)
+    (folder / "params.toml").write_text(f"# {job.system.name}, seed {job.seed}\n" + to_toml(job.params))
+    summary = summarize(job, run)
+    (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n")
+    return summary
+
+
+def summarize(job: Job, run: Run) -> dict[str, Any]:
+    """One object: what ran, what was read and lost, errors, timings (the only place with wall-clock)."""
+    track = run.result.track
+    moved = np.hypot(*np.diff(track.poses[:, :2], axis=0).T).sum() if track.stamps_ns.size > 1 else 0.0
+    summary: dict[str, Any] = {
+        "version": __version__,
+        "system": job.system.name,
+        "logs": [str(path) for path in job.paths],
+        "seed": job.seed,
+        "motion": run.motion,
+        "scans": int(track.stamps_ns.size),
+        "span_s": round(float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9, 3),
+        "way_m": round(float(moved), 3),
+        **run.result.summary,
+        "read": dict(sorted(run.loss.read.items())),
+        "lost": dict(sorted(run.loss.counts.items())),
+        "notes": run.loss.notes,
+    }
+    if run.errors is not None:
+        summary["truth"] = run.errors.summary()
+    update_ms = 1e3 * run.seconds["loop"] / max(1, len(run.infos))
+    summary["seconds"] = {k: round(v, 4) for k, v in run.seconds.items()}
+    summary["ms_per_update"] = round(update_ms, 4)
+    return summary
+
+
+def _frame_columns(result: Result) -> dict[str, Any]:
+    """At most 500 updates with at most 200 particles each and the scan's end points as int16 cm (base frame)."""
+    frames = result.frames
+    pose = np.array([f.pose for f in frames]).reshape(-1, 3)
+    columns: dict[str, Any] = {"t_ns": np.array([f.stamp_ns for f in frames], np.int64)}
+    columns |= dict(zip(("x_m", "y_m", "yaw_rad"), pose.T, strict=True))
+    for k, name in enumerate(("particle_x_m", "particle_y_m", "particle_yaw_rad")):
+        columns[name] = [f.particles[:, k].astype(np.float32) for f in frames]
+    for k, name in enumerate(("scan_x_cm", "scan_y_cm")):
+        columns[name] = [np.clip(np.rint(f.scan_m[:, k] * 100), -32768, 32767).astype(np.int16) for f in frames]
+    return columns

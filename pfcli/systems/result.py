@@ -1,0 +1,34 @@
+"""What every system hands over at the end of a run."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.formats.map_yaml import GridMap
+
+
+class Track(NamedTuple):
+    """Pose of every scan: stamps (n,) ns, poses (n, 3) m, rad; columns: more of equal length."""
+
+    stamps_ns: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    columns: dict[str, Any]
+
+
+class Frame(NamedTuple):
+    """One drawn update: estimate, particles (k, 3), and the scan's end points in the base frame (b, 2), m."""
+
+    stamp_ns: int
+    pose: NDArray[np.float64]
+    particles: NDArray[np.float64]
+    scan_m: NDArray[np.float64]
+
+
+class Result(NamedTuple):
+    """track; grid: the map that was built (None for localisers); frames; summary: scalars for run.json."""
+
+    track: Track
+    grid: GridMap | None
+    frames: list[Frame]
+    summary: dict[str, Any]

@@ -1,0 +1,314 @@
+"""Rao-Blackwellised grid SLAM with Gaussian distributed resampling. Zhang et al. 2016 (`papers.bib`: zhang2016gdr).
+
+One update, in the paper's order (section 2.2): predict by odometry, match the scan against each particle's own map,
+sample the improved proposal, weigh, resample with dispersal, draw the scan into the maps at the dispersed poses.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.geometry import between, compose, spread_residual
+from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid.scan_points import Points, beams_of, points_of
+from pfcli.core.motion.odometry import Noise, information
+from pfcli.core.resample import csw, gdr, stratified, systematic
+from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.events import Pose2, Sweep
+from pfcli.formats.map_yaml import GridMap
+from pfcli.registry import System
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.result import Result, Track
+from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
+from pfcli.systems.slam_gdr.params import Params
+
+_COARSE_BEAMS = 50
+_COARSE_STEP_M, _COARSE_STEP_RAD, _COARSE_SIGMA_M = 0.15, 0.035, 0.12
+_COARSE_GAIN = 0.005
+_NORMAL_REACH_M, _NORMAL_GAP = 0.15, 0.1
+
+
+class Info(NamedTuple):
+    """One update, as a row of `metrics.parquet`."""
+
+    t_ns: int
+    n_eff: float
+    resampled: bool
+    unique_ancestors: int
+    log_evidence: float
+    match_log_likelihood: float
+    match_inliers: float
+    coarse_starts: int
+    proposal_sd_m: float
+    particle_spread_m: float
+    offspring_spread_m: float
+    beams: int
+    no_returns: int
+    invalid_beams: int
+    tiles: int
+
+
+class History(NamedTuple):
+    """What the end of the run needs: per scan stamp, odometry pose, text; per update its scan's number, poses, parents."""
+
+    stamps_ns: list[int]
+    odometry: list[tuple[float, float, float]]
+    sources: list[str]
+    scan_of_update: list[int]
+    poses: list[NDArray[np.float64]]
+    parents: list[NDArray[np.int64]]
+    covariance: list[NDArray[np.float64]]
+
+
+class State(NamedTuple):
+    """pose (n, 3); log_w since the last resampling; score: log weight summed along the ancestry; odometry (1, 3) of
+    the last update; the particles' maps."""
+
+    pose: NDArray[np.float64]
+    log_w: NDArray[np.float64]
+    score: NDArray[np.float64]
+    odometry: NDArray[np.float64]
+    maps: tiles.Tiles
+    history: History
+    frames: FrameKeeper
+    resamplings: int
+
+
+def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
+    """All particles at the origin of the map, which is the pose of the first scan."""
+    n = params.particles
+    return State(
+        np.zeros((n, 3)),
+        np.zeros(n),
+        np.zeros(n),
+        np.array([first.odometry], np.float64),
+        tiles.empty(n, params.resolution_m),
+        History([], [], [], [], [], [], []),
+        FrameKeeper(),
+        0,
+    )
+
+
+def step(state: State, sweep: Sweep, assets: None, params: Params, draw: Draw) -> tuple[State, Info | None]:
+    """Every scan is recorded; one that has moved far enough updates the filter."""
+    history = state.history
+    history.stamps_ns.append(sweep.stamp_ns)
+    history.odometry.append(sweep.odometry)
+    history.sources.append(sweep.source_stamp)
+    now = np.array([sweep.odometry], np.float64)
+    moved = between(state.odometry, now)[0]
+    first = not history.poses
+    far = np.hypot(moved[0], moved[1]) >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad
+    if not (first or far):
+        return state, None
+    points = _points(sweep, params)
+    if points.ends.shape[0] == 0:
+        return state, None
+    return _update(state._replace(odometry=now), sweep, points, None if first else moved, params, draw)
+
+
+def _points(sweep: Sweep, params: Params) -> Points:
+    scan = sweep.scan
+    high = params.max_range_m or scan.range_max_m
+    stride = -(-scan.ranges_m.size // params.max_beams) or 1
+    return points_of(
+        scan.ranges_m,
+        (scan.angle_min_rad, scan.angle_increment_rad),
+        (scan.range_min_m, high),
+        scan.mount,
+        stride,
+        min(params.clear_no_return_m, high),
+        params.resolution_m,
+    )
+
+
+def _update(
+    state: State, sweep: Sweep, points: Points, moved: NDArray[np.float64] | None, params: Params, draw: Draw
+) -> tuple[State, Info]:
+    n = params.particles
+    ancestors, resampled, n_eff, evidence, spread = np.arange(n), False, float(n), 0.0, 0.0
+    match, sd = None, np.zeros(n)
+    if moved is not None:
+        match = _match(state, moved, points, params)
+        z = draw(Purpose.PROPOSAL, sweep.stamp_ns).standard_normal((n, 3))
+        pose, half_log_det, sd = sample_proposal(match.pose, match.information, params.proposal_scale, z)
+        gain = params.evidence_gain * (match.log_likelihood + match.log_prior + half_log_det)
+        weights, evidence = normalize(state.log_w + gain)
+        n_eff = float(effective_sample_size(weights))
+        state = state._replace(pose=pose, log_w=state.log_w + gain, score=state.score + gain)
+        if n > 1 and n_eff < params.resample_threshold * n:
+            ancestors, resampled = _ancestors(weights, params, draw, sweep.stamp_ns), True
+            before = state.pose[ancestors]
+            state = _resample(state, ancestors, weights, params, draw, sweep.stamp_ns)
+            spread = float(np.sqrt(((state.pose - before)[:, :2] ** 2).sum(axis=1).mean()))
+    state = _insert(state, points, sweep.scan.mount)
+    state = state._replace(resamplings=state.resamplings + resampled)
+    history = state.history
+    history.scan_of_update.append(len(history.stamps_ns) - 1)
+    history.poses.append(state.pose)
+    history.parents.append(ancestors)
+    spread_of = covariance(state.pose)
+    history.covariance.append(spread_of)
+    state.frames.offer(sweep.stamp_ns, state.pose[int(np.argmax(state.score))], state.pose, points.ends)
+    info = Info(
+        sweep.stamp_ns,
+        n_eff,
+        resampled,
+        np.unique(ancestors).size,
+        float(evidence),
+        float(match.log_likelihood.mean()) if match else 0.0,
+        float(match.inliers.mean()) if match else -1.0,
+        int(match.second.sum()) if match else 0,
+        float(sd.mean()),
+        float(np.sqrt(spread_of[0, 0] + spread_of[1, 1])),
+        spread,
+        points.ends.shape[0],
+        points.no_returns,
+        points.invalid,
+        tiles.used(state.maps),
+    )
+    return state, info
+
+
+def _match(state: State, moved: NDArray[np.float64], points: Points, params: Params) -> scan_match.Match:
+    """Predict by odometry, look around with the leading particle, refine every particle (sections 2.2, 1 and 2)."""
+    noise = Noise(
+        params.motion_xy_per_m,
+        params.motion_xy_per_rad_m,
+        params.motion_xy_m,
+        params.motion_yaw_per_rad,
+        params.motion_yaw_per_m_rad,
+        params.motion_yaw_rad,
+    )
+    matcher = scan_match.Matcher(
+        sigma_m=params.sigma_hit_m,
+        wide_m=params.match_width_m,
+        gain=params.beam_gain,
+        coarse_xy_m=params.coarse_xy_m,
+        coarse_yaw_rad=float(np.radians(params.coarse_yaw_deg)),
+    )
+    predicted = compose(state.pose, moved.reshape(1, 3))
+    prior = np.broadcast_to(information(moved, noise), (params.particles, 3, 3)).copy()
+    correction = _look_around(state, predicted, points, matcher)
+    normals = scan_match.surface_normals(points.ends, _NORMAL_REACH_M, _NORMAL_GAP)
+    return scan_match.Match(
+        *scan_match.match(state.maps, predicted, prior, correction, points.ends, normals, matcher)
+    )
+
+
+def _look_around(
+    state: State, predicted: NDArray[np.float64], points: Points, matcher: scan_match.Matcher
+) -> NDArray[np.float64]:
+    """Correction to the odometry that the leading particle's map proposes; zero where odometry is as good."""
+    lead = int(np.argmax(state.score))
+    thinned = points.ends[:: max(1, points.ends.shape[0] // _COARSE_BEAMS)]
+    correction, found, here = scan_match.coarse(
+        state.maps,
+        lead,
+        predicted[lead],
+        thinned,
+        matcher.coarse_xy_m,
+        matcher.coarse_yaw_rad,
+        _COARSE_STEP_M,
+        _COARSE_STEP_RAD,
+        _COARSE_SIGMA_M,
+    )
+    return correction if found > here + _COARSE_GAIN else np.zeros(3)
+
+
+def _ancestors(weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int) -> NDArray[np.int64]:
+    rng = draw(Purpose.RESAMPLE, stamp_ns)
+    if params.resampler == "stratified":
+        return stratified.ancestors(weights, rng.random(weights.size))
+    if params.resampler == "systematic":
+        return systematic.ancestors(weights, rng.random(1))
+    return csw.ancestors(weights, rng.random(1), params.sort)
+
+
+def _resample(
+    state: State, ancestors: NDArray[np.int64], weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int
+) -> State:
+    """Offspring take the map and history of their parent; GDR disperses them around it (eqs (7)-(8))."""
+    n = params.particles
+    pose = state.pose[ancestors]
+    if params.resampler == "gdr":
+        paper = params.variant == "paper"
+        factor = gdr.scales(weights[ancestors], 1 if paper else n, np.inf if paper else params.dispersal_cap)
+        sigma = np.array([params.alpha_xy_m, params.alpha_xy_m, np.radians(params.alpha_yaw_deg)])
+        z = draw(Purpose.DISPERSE, stamp_ns).standard_normal((n, 3))
+        pose = gdr.disperse(pose, ancestors, factor, sigma, not (paper or params.disperse_first), z)
+    return state._replace(
+        pose=pose, log_w=np.zeros(n), score=state.score[ancestors], maps=tiles.resample(state.maps, ancestors)
+    )
+
+
+def _insert(state: State, points: Points, mount: Pose2) -> State:
+    beams = beams_of(points, mount)
+    reach = np.hypot(beams.ends[:, 0], beams.ends[:, 1]).max() + tiles.REACH * state.maps.resolution_m
+    reach = max(reach, float(np.hypot(*beams.origin))) + state.maps.resolution_m
+    maps = tiles.cover(state.maps, state.pose[:, :2].min(axis=0) - reach, state.pose[:, :2].max(axis=0) + reach)
+    maps = tiles.own(maps, tiles.touch(maps, state.pose, beams))
+    tiles.insert(maps, state.pose, beams)
+    return state._replace(maps=maps)
+
+
+def finish(state: State, assets: None, params: Params) -> Result:
+    """Track and map of the best particle: the one with the largest log weight summed along its ancestry."""
+    history = state.history
+    best = int(np.argmax(state.score))
+    parents = np.array(history.parents)
+    line = trace(parents, best)
+    updates = np.array(history.scan_of_update)
+    chosen = np.array([poses[k] for poses, k in zip(history.poses, line, strict=True)])
+    odometry = np.array(history.odometry)
+    poses = np.empty((len(odometry), 3))
+    spread = np.empty((len(odometry), 3, 3))
+    for j, start in enumerate(updates):
+        stop = updates[j + 1] if j + 1 < len(updates) else len(odometry)
+        if j + 1 < len(updates):
+            poses[start:stop] = spread_residual(chosen[j], chosen[j + 1], odometry[start:stop], odometry[stop])
+        else:
+            poses[start:] = compose(chosen[j : j + 1], between(odometry[start : start + 1], odometry[start:]))
+        spread[start:stop] = history.covariance[j]
+    keep = slice(updates[0], None)
+    columns = {
+        "cov_xx_m2": spread[keep, 0, 0],
+        "cov_xy_m2": spread[keep, 0, 1],
+        "cov_yy_m2": spread[keep, 1, 1],
+        "cov_yawyaw_rad2": spread[keep, 2, 2],
+        "update": np.isin(np.arange(len(odometry)), updates)[keep],
+        "source_stamp": history.sources[keep],
+    }
+    track = Track(np.array(history.stamps_ns, np.int64)[keep], poses[keep], columns)
+    summary = {
+        "updates": len(updates),
+        "resamplings": state.resamplings,
+        "updates_shared_by_all": int(coalesced(parents)),
+        "tiles": tiles.used(state.maps),
+        "map_mib": round(tiles.used(state.maps) * tiles.CELLS * 16 / 2**20, 1),
+    }
+    return Result(track, grid_of(state.maps, best), state.frames.frames(), summary)
+
+
+def grid_of(maps: tiles.Tiles, particle: int) -> GridMap:
+    """A particle's map, cut to what it has seen."""
+    cells = tiles.classify(maps, particle)
+    rows, cols = np.flatnonzero((cells >= 0).any(axis=1)), np.flatnonzero((cells >= 0).any(axis=0))
+    cut = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    corner = maps.corner * tiles.SIDE
+    x, y = (float(round(v * maps.resolution_m, 9)) for v in (corner[0] + cols[0], corner[1] + rows[0]))
+    return GridMap(np.ascontiguousarray(cut), maps.resolution_m, Pose2(x, y, 0.0))
+
+
+SYSTEM = System(
+    name="slam-gdr",
+    params=Params,
+    info=Info,
+    needs=(frozenset({"motion", "scan"}),),
+    load=lambda params, settings: None,
+    init=init,
+    step=step,
+    finish=finish,
+)

@@ -1,0 +1,52 @@
+"""Parameters of `slam-gdr` on grids."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pfcli.params import Opt
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """Defaults hold for indoor robots with a laser of 4 m range or more."""
+
+    particles: Annotated[int, Opt("number of particles", "", 1, 100_000)] = 10
+    variant: Annotated[
+        str, Opt("paper: dispersal alpha / w_i as printed; corrected: alpha / (N w_i)", choices=("corrected", "paper"))
+    ] = "corrected"
+    update_distance_m: Annotated[float, Opt("a scan updates the filter after this way", "m", 0, 100)] = 0.25
+    update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.25
+    resampler: Annotated[
+        str, Opt("how offspring are chosen", choices=("gdr", "csw", "systematic", "stratified"))
+    ] = "gdr"
+    sort: Annotated[str, Opt("order of the cumulative sum", choices=("descending", "none"))] = "descending"
+    resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share of N", "", 0, 1)] = 0.5
+    alpha_xy_m: Annotated[float, Opt("dispersal at average weight", "m", 0, 1)] = 0.01
+    alpha_yaw_deg: Annotated[float, Opt("dispersal at average weight", "deg", 0, 45)] = 0.3
+    dispersal_cap: Annotated[float, Opt("largest variance factor of the dispersal", "", 0, 1000)] = 9.0
+    disperse_first: Annotated[bool, Opt("disperse the first offspring of a parent too, as the paper prints it")] = False
+    resolution_m: Annotated[float, Opt("side of a map cell", "m", 0.005, 1)] = 0.05
+    max_range_m: Annotated[
+        float, Opt("usable range; 0 takes it from the messages' range_max", "m", 0, 1000)
+    ] = 0.0
+    max_beams: Annotated[int, Opt("use every k-th beam so that at most so many remain", "", 1, 100_000)] = 400
+    clear_no_return_m: Annotated[
+        float, Opt("how far a beam without a return clears the map; 0 leaves it out", "m", 0, 1000)
+    ] = 0.0
+    sigma_hit_m: Annotated[float, Opt("spread of end points across a surface", "m", 1e-3, 1)] = 0.03
+    match_width_m: Annotated[float, Opt("scale of the robust matching cost at its start", "m", 0.01, 2)] = 0.3
+    beam_gain: Annotated[float, Opt("how many independent beams one beam is worth", "", 1e-4, 10)] = 0.3
+    evidence_gain: Annotated[
+        float, Opt("share of a scan's log evidence that counts as new: successive scans err alike", "", 1e-6, 10)
+    ] = 0.01
+    proposal_scale: Annotated[
+        float, Opt("sample the improved proposal with this multiple of its standard deviation; 0 takes its mode", "", 0, 10)
+    ] = 0.3
+    coarse_xy_m: Annotated[float, Opt("half width of the coarse search", "m", 0, 5)] = 0.3
+    coarse_yaw_deg: Annotated[float, Opt("half width of the coarse search", "deg", 0, 180)] = 20.0
+    motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.2
+    motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
+    motion_xy_m: Annotated[float, Opt("odometry: position error of any step", "m", 1e-6, 10)] = 0.02
+    motion_yaw_per_rad: Annotated[float, Opt("odometry: heading error per turn", "rad/rad", 0, 10)] = 0.2
+    motion_yaw_per_m_rad: Annotated[float, Opt("odometry: heading error per way", "rad/m", 0, 10)] = 0.05
+    motion_yaw_rad: Annotated[float, Opt("odometry: heading error of any step", "rad", 1e-6, 10)] = 0.02
