@@ -102,7 +102,10 @@ class DeadReckoning:
             if before is None:
                 return Odometry(event.stamp_ns, *self._pose)
             return self._wheel_step(event.stamp_ns, (position[0] - before[0], position[1] - before[1]))
-        speed = (float(event.velocity_radps[left]) * drive.radius_left_m, float(event.velocity_radps[right]) * drive.radius_right_m)
+        speed = (
+            float(event.velocity_radps[left]) * drive.radius_left_m,
+            float(event.velocity_radps[right]) * drive.radius_right_m,
+        )
         return self._integrate(event.stamp_ns, ((speed[0] + speed[1]) / 2, 0.0, (speed[1] - speed[0]) / drive.track_m))
 
     def _wheel_step(self, stamp_ns: int, angles: tuple[float, float]) -> Odometry:
@@ -130,9 +133,7 @@ def _unwrapped(difference: int) -> int:
     return (difference + (1 << 31)) % (1 << 32) - (1 << 31) if abs(difference) > 1 << 31 else difference
 
 
-def sweeps(
-    events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_gap_s: float = 1.0
-) -> Iterator[Sweep]:
+def sweeps(events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_gap_s: float = 1.0) -> Iterator[Sweep]:
     """Scans with the odometry pose of their own stamp, interpolated between the motion events around it.
 
     A scan before the first or more than `max_gap_s` after the last motion event is counted in `loss`.

@@ -102,17 +102,68 @@ def reading_options(command: _Command) -> _Command:
     role_list = ", ".join(ROLES)
     for option in reversed(
         (
-            click.option("--topic", multiple=True, metavar="ROLE=TOPIC", help=f"Which topic plays a role ({role_list}); odometry=/tf:odom.base_link reads transforms."),
-            click.option("--time", "clock", type=click.Choice(["header", "log", "publish"]), default="header", show_default=True, help="Which stamp of a message counts."),
-            click.option("--start", type=click.FloatRange(0), default=None, help="Begin so many seconds after the log's first stamp [s]."),
-            click.option("--end", type=click.FloatRange(0), default=None, help="Stop so many seconds after the log's first stamp [s]."),
-            click.option("--reorder", type=click.FloatRange(0, 3600), default=2.0, show_default=True, help="Messages may arrive so much too late [s]."),
-            click.option("--time-offset", multiple=True, metavar="ROLE=S", help="Add seconds to the stamps of a role, such as scan=-0.03."),
-            click.option("--extrinsic", multiple=True, metavar="PARENT:CHILD=X,Y,YAW", help="Where a sensor sits (m, m, rad), over /tf_static."),
-            click.option("--motion", type=click.Choice(SOURCES), default="auto", show_default=True, help="Where motion comes from."),
+            click.option(
+                "--topic",
+                multiple=True,
+                metavar="ROLE=TOPIC",
+                help=f"Which topic plays a role ({role_list}); odometry=/tf:odom.base_link reads transforms.",
+            ),
+            click.option(
+                "--time",
+                "clock",
+                type=click.Choice(["header", "log", "publish"]),
+                default="header",
+                show_default=True,
+                help="Which stamp of a message counts.",
+            ),
+            click.option(
+                "--start",
+                type=click.FloatRange(0),
+                default=None,
+                help="Begin so many seconds after the log's first stamp [s].",
+            ),
+            click.option(
+                "--end",
+                type=click.FloatRange(0),
+                default=None,
+                help="Stop so many seconds after the log's first stamp [s].",
+            ),
+            click.option(
+                "--reorder",
+                type=click.FloatRange(0, 3600),
+                default=2.0,
+                show_default=True,
+                help="Messages may arrive so much too late [s].",
+            ),
+            click.option(
+                "--time-offset",
+                multiple=True,
+                metavar="ROLE=S",
+                help="Add seconds to the stamps of a role, such as scan=-0.03.",
+            ),
+            click.option(
+                "--extrinsic",
+                multiple=True,
+                metavar="PARENT:CHILD=X,Y,YAW",
+                help="Where a sensor sits (m, m, rad), over /tf_static.",
+            ),
+            click.option(
+                "--motion",
+                type=click.Choice(SOURCES),
+                default="auto",
+                show_default=True,
+                help="Where motion comes from.",
+            ),
             click.option("--wheel-joints", metavar="LEFT,RIGHT", default=None, help="Joints of the driven wheels."),
-            click.option("--wheel-radius-m", type=click.FloatRange(0, 100), multiple=True, help="Wheel radius; twice for left and right [m]."),
-            click.option("--track-width-m", type=click.FloatRange(0, 100), default=0.0, help="Distance between the wheels [m]."),
+            click.option(
+                "--wheel-radius-m",
+                type=click.FloatRange(0, 100),
+                multiple=True,
+                help="Wheel radius; twice for left and right [m].",
+            ),
+            click.option(
+                "--track-width-m", type=click.FloatRange(0, 100), default=0.0, help="Distance between the wheels [m]."
+            ),
         )
     ):
         command = option(command)

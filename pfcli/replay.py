@@ -93,7 +93,9 @@ class Log:
         topics = self.roles().get(role, [])
         if len(topics) > 1 and role != "range":
             names = ", ".join(printable(t) for t in topics)
-            raise UsageError(f"{self.path}: several topics can be the {role}: {names}; choose with --topic {role}=TOPIC")
+            raise UsageError(
+                f"{self.path}: several topics can be the {role}: {names}; choose with --topic {role}=TOPIC"
+            )
         return topics[0] if topics else None
 
     def _read_extrinsics(self) -> Extrinsics:
@@ -338,6 +340,8 @@ def events(paths: Sequence[Path], roles: Sequence[str], settings: Settings = Set
     for path in paths:
         for event in Log(path, settings).events(roles):
             if event.stamp_ns < last:
-                raise LogError(f"{path}: begins before the log named in front of it ends; give the parts in order of time")
+                raise LogError(
+                    f"{path}: begins before the log named in front of it ends; give the parts in order of time"
+                )
             last = event.stamp_ns
             yield event

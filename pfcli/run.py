@@ -93,10 +93,14 @@ def _roles(job: Job, log: Log, motion: str) -> list[str]:
         roles += [r for r in ("twist", "odometry") if log.choose(r)][:1]
     for role in roles:
         if log.choose(role) is None:
-            have = ", ".join(f"{printable(t)} ({printable(s) or 'no schema'})" for t, s in log.topics().items()) or "nothing"
+            have = (
+                ", ".join(f"{printable(t)} ({printable(s) or 'no schema'})" for t, s in log.topics().items())
+                or "nothing"
+            )
             raise UsageError(
                 f"{log.path}: {job.system.name} needs {_NOUNS.get(role, role)}, and the log has {have};"
-                f" map a topic with --topic {role}=TOPIC" + (" or choose --motion" if role in align.ROLES[motion] else "")
+                f" map a topic with --topic {role}=TOPIC"
+                + (" or choose --motion" if role in align.ROLES[motion] else "")
             )
     roles += [r for r in ("source_stamp",) if log.choose(r)]
     if job.truth is not None and not Path(job.truth).is_file():
@@ -116,7 +120,9 @@ def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
     for log in logs:
         for event in log.events(roles):
             if event.stamp_ns < last:
-                raise LogError(f"{log.path}: begins before the log in front of it ends; give the parts in order of time")
+                raise LogError(
+                    f"{log.path}: begins before the log in front of it ends; give the parts in order of time"
+                )
             last = event.stamp_ns
             yield event
         loss.counts.update(log.loss.counts)

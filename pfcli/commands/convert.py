@@ -11,13 +11,28 @@ from pfcli.errors import LogError, UsageError
 @click.command()
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option("--range-max", type=click.FloatRange(0, 10_000, min_open=True), default=None, help="Usable range of the scanner [m]; default: just below the value the log repeats at its top.")
-@click.option("--repair-stamps/--no-repair-stamps", default=True, help="Mend stamps whose microseconds lost their leading zeros.  (default: on)")
+@click.option(
+    "--range-max",
+    type=click.FloatRange(0, 10_000, min_open=True),
+    default=None,
+    help="Usable range of the scanner [m]; default: just below the value the log repeats at its top.",
+)
+@click.option(
+    "--repair-stamps/--no-repair-stamps",
+    default=True,
+    help="Mend stamps whose microseconds lost their leading zeros.  (default: on)",
+)
 @click.option("--compression", type=click.Choice(["zstd", "lz4", "none"]), default="zstd", show_default=True)
 @click.option("--force", is_flag=True, help="Replace TARGET.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
 def convert(
-    source: Path, target: Path, range_max: float | None, repair_stamps: bool, compression: str, force: bool, as_json: bool
+    source: Path,
+    target: Path,
+    range_max: float | None,
+    repair_stamps: bool,
+    compression: str,
+    force: bool,
+    as_json: bool,
 ) -> int:
     """Convert SOURCE (CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3) to an MCAP log.
 
@@ -32,7 +47,9 @@ def convert(
         raise LogError(f"{source}: no such file")
     if source.suffix in (".bag", ".db3") or source.is_dir():
         counts = rosbag.convert(source, target, compression)
-        emit(counts, [f"{target}: {counts['messages']} messages, {counts['skipped']} of unknown types left out"], as_json)
+        emit(
+            counts, [f"{target}: {counts['messages']} messages, {counts['skipped']} of unknown types left out"], as_json
+        )
         return 0
     found = _carmen(source, target, range_max, repair_stamps, compression)
     for note in found.pop("notes"):

@@ -12,12 +12,24 @@ from pfcli.errors import LogError, UsageError
 @click.command()
 @click.argument("track", type=click.Path(path_type=Path))
 @click.option("--relations", type=click.Path(path_type=Path), help="Relations file: t1 t2 x y z roll pitch yaw.")
-@click.option("--stamps", type=click.Path(path_type=Path), help="Log that holds the scans' source stamps (default: track.parquet beside TRACK).")
+@click.option(
+    "--stamps",
+    type=click.Path(path_type=Path),
+    help="Log that holds the scans' source stamps (default: track.parquet beside TRACK).",
+)
 @click.option("--truth", type=click.Path(path_type=Path), help="TUM file, or an MCAP log with a truth topic.")
-@click.option("--map", "map_file", type=click.Path(path_type=Path), help="Map to judge (default: map.yaml beside TRACK).")
+@click.option(
+    "--map", "map_file", type=click.Path(path_type=Path), help="Map to judge (default: map.yaml beside TRACK)."
+)
 @click.option("--true-map", type=click.Path(path_type=Path), help="Map YAML of the true world, in the truth's frame.")
 @click.option("--align/--no-align", default=True, help="SE(2) alignment before comparing with truth.  (default: on)")
-@click.option("--max-gap", type=click.FloatRange(0), default=0.02, show_default=True, help="Stamps so far apart are still one [s].")
+@click.option(
+    "--max-gap",
+    type=click.FloatRange(0),
+    default=0.02,
+    show_default=True,
+    help="Stamps so far apart are still one [s].",
+)
 @click.option("--rpe-delta", type=click.IntRange(1), default=1, show_default=True, help="RPE over so many poses.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(track: Path, as_json: bool, **given: Any) -> int:

@@ -20,13 +20,31 @@ def command(name: str) -> click.Command:
     @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
     @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
     @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
-    @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of all random draws.")
+    @click.option(
+        "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of all random draws."
+    )
     @click.option("--params", "params_file", type=click.Path(path_type=Path), help="Parameters from a TOML file.")
-    @click.option("--truth", default=None, metavar="auto|TOPIC|FILE", help="Add error columns against a truth topic or a TUM file.")
-    @click.option("--overlay", is_flag=True, help="Also write overlay.mcap: poses, particles and map, to open beside the log.")
-    @click.option("--plot", type=click.Path(path_type=Path), default=None, help="Also draw map and track into this PNG, SVG or PDF.")
-    @click.option("--threads", type=click.IntRange(0, 1024), default=0, help="Threads of the kernels (default: all cores).")
-    @click.option("--progress", "progress_mode", type=click.Choice(["auto", "never", "json"]), default="auto", show_default=True)
+    @click.option(
+        "--truth",
+        default=None,
+        metavar="auto|TOPIC|FILE",
+        help="Add error columns against a truth topic or a TUM file.",
+    )
+    @click.option(
+        "--overlay", is_flag=True, help="Also write overlay.mcap: poses, particles and map, to open beside the log."
+    )
+    @click.option(
+        "--plot",
+        type=click.Path(path_type=Path),
+        default=None,
+        help="Also draw map and track into this PNG, SVG or PDF.",
+    )
+    @click.option(
+        "--threads", type=click.IntRange(0, 1024), default=0, help="Threads of the kernels (default: all cores)."
+    )
+    @click.option(
+        "--progress", "progress_mode", type=click.Choice(["auto", "never", "json"]), default="auto", show_default=True
+    )
     @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
     @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
     @reading_options
@@ -81,5 +99,7 @@ def _lines(summary: dict[str, Any], out: Path) -> list[str]:
     ]
     if "truth" in summary:
         t = summary["truth"]
-        lines.append(f"against truth: ATE {t['ate_m']:.4f} m, max {t['max_m']:.4f} m, heading {t['heading_rmse_deg']:.3f} deg")
+        lines.append(
+            f"against truth: ATE {t['ate_m']:.4f} m, max {t['max_m']:.4f} m, heading {t['heading_rmse_deg']:.3f} deg"
+        )
     return lines

@@ -12,6 +12,27 @@ def wrap(angle):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def cholesky3(a, low):  # type: ignore[no-untyped-def]
+    """Lower Cholesky factor of a symmetric positive definite 3 x 3 matrix, written into `low`; returns log det a."""
+    low[0, 0] = np.sqrt(a[0, 0])
+    low[1, 0], low[2, 0] = a[1, 0] / low[0, 0], a[2, 0] / low[0, 0]
+    low[1, 1] = np.sqrt(a[1, 1] - low[1, 0] * low[1, 0])
+    low[2, 1] = (a[2, 1] - low[2, 0] * low[1, 0]) / low[1, 1]
+    low[2, 2] = np.sqrt(a[2, 2] - low[2, 0] * low[2, 0] - low[2, 1] * low[2, 1])
+    return 2.0 * (np.log(low[0, 0]) + np.log(low[1, 1]) + np.log(low[2, 2]))
+
+
+@kernel
+def solve3(low, b, out):  # type: ignore[no-untyped-def]
+    """Solve low low^T out = b."""
+    y0 = b[0] / low[0, 0]
+    y1 = (b[1] - low[1, 0] * y0) / low[1, 1]
+    out[2] = (b[2] - low[2, 0] * y0 - low[2, 1] * y1) / (low[2, 2] * low[2, 2])
+    out[1] = (y1 - low[2, 1] * out[2]) / low[1, 1]
+    out[0] = (y0 - low[1, 0] * out[1] - low[2, 0] * out[2]) / low[0, 0]
+
+
+@kernel
 def compose(poses, step):  # type: ignore[no-untyped-def]
     """Each pose (n, 3) followed by the step(s) (m, 3) in its frame; n or m may be 1."""
     n = max(poses.shape[0], step.shape[0])

@@ -8,9 +8,9 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
-_F = TypeVar("_F", bound=Callable[..., object])
+_Function = Callable[..., Any]
 
 
 def cache_root() -> Path:
@@ -44,25 +44,25 @@ import numba  # noqa: E402  (the cache folder has to be known first)
 prange = numba.prange
 
 
-def kernel(function: _F) -> _F:
+def kernel(function: _Function) -> Any:
     """Compile a serial kernel: IEEE arithmetic, no exceptions on division, cached on disk."""
-    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, error_model="numpy")(function)
 
 
-def parallel_kernel(function: _F) -> _F:
+def parallel_kernel(function: _Function) -> Any:
     """Compile a kernel whose iterations write only their own rows, so that threads cannot change a byte."""
-    return numba.njit(cache=True, error_model="numpy", parallel=True)(function)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, error_model="numpy", parallel=True)(function)
 
 
-def reduction_kernel(function: _F) -> _F:
+def reduction_kernel(function: _Function) -> Any:
     """Compile sums that LLVM may reorder into vector lanes: the order is fixed when compiling, not by the threads."""
     fast = {"reassoc", "contract", "nsz", "arcp"}
-    return numba.njit(cache=True, error_model="numpy", fastmath=fast)(function)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, error_model="numpy", fastmath=fast)(function)
 
 
-def inline_kernel(function: _F) -> _F:
+def inline_kernel(function: _Function) -> Any:
     """Compile a helper of other kernels that LLVM should always inline (a call per beam would dominate)."""
-    return numba.njit(cache=True, error_model="numpy", forceinline=True)(function)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
 
 
 def set_threads(count: int) -> None:

@@ -75,7 +75,15 @@ def _flaser(w: list[str]) -> Record:
     if ranges.size != n or n < 1 or not math.isfinite(x + y + yaw + lx + ly + lyaw):
         raise ValueError
     step = math.radians(180.0 / (n - 1 if n % 2 else n)) if n > 1 else 0.0
-    return Record((x, y, yaw), (math.nan, math.nan), w[8 + n], ranges, (-math.pi / 2, step), 0.0, _mount((lx, ly, lyaw), (x, y, yaw)))
+    return Record(
+        (x, y, yaw),
+        (math.nan, math.nan),
+        w[8 + n],
+        ranges,
+        (-math.pi / 2, step),
+        0.0,
+        _mount((lx, ly, lyaw), (x, y, yaw)),
+    )
 
 
 def _robotlaser(w: list[str]) -> Record:

@@ -175,7 +175,9 @@ class McapFile:
         body = record[40 + name_length : 40 + name_length + stored]
         records, whole = _decompress(compression, body, size, cut=cut)
         if not whole and not cut:
-            self._lose(f"chunk at byte {where} ({printable(compression) or 'uncompressed'}) cannot be decompressed whole")
+            self._lose(
+                f"chunk at byte {where} ({printable(compression) or 'uncompressed'}) cannot be decompressed whole"
+            )
         elif not cut and crc and zlib.crc32(records) != crc:
             self._lose(f"chunk at byte {where} fails its checksum; its messages are used as far as they can be")
         yield from self._records(records, where)

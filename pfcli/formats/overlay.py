@@ -38,7 +38,9 @@ def _covariance(columns: dict[str, Any], k: int) -> Any:
 
 def _ros_pose(pose: Any) -> Any:
     types = typestore().types
-    return types[_HEAD + "Pose"](types[_HEAD + "Point"](float(pose[0]), float(pose[1]), 0.0), quaternion(float(pose[2])))
+    return types[_HEAD + "Pose"](
+        types[_HEAD + "Point"](float(pose[0]), float(pose[1]), 0.0), quaternion(float(pose[2]))
+    )
 
 
 def _pose(log: LogWriter, stamp: int, pose: Any, covariance: Any) -> None:

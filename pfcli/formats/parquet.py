@@ -13,7 +13,15 @@ import pyarrow.parquet as pq
 
 from pfcli.errors import LogError, reason
 
-_UNITS = (("_ns", "ns"), ("_m2", "m^2"), ("_rad2", "rad^2"), ("_mrad", "m rad"), ("_rad", "rad"), ("_m", "m"), ("_s", "s"))
+_UNITS = (
+    ("_ns", "ns"),
+    ("_m2", "m^2"),
+    ("_rad2", "rad^2"),
+    ("_mrad", "m rad"),
+    ("_rad", "rad"),
+    ("_m", "m"),
+    ("_s", "s"),
+)
 
 
 def unit_of(name: str) -> str:

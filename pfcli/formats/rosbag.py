@@ -41,5 +41,7 @@ def _without_seq(message: Any) -> Any:
     if name is None:
         return [_without_seq(m) for m in message] if isinstance(message, list) else message
     target = typestore().types[name]
-    values = [_without_seq(getattr(message, field)) for field in target.__dataclass_fields__ if not field.startswith("__")]
+    values = [
+        _without_seq(getattr(message, field)) for field in target.__dataclass_fields__ if not field.startswith("__")
+    ]
     return target(*values)

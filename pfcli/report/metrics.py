@@ -244,7 +244,9 @@ def map_iou(grid: GridMap, truth: GridMap, moved: Pose2) -> MapAgreement:
     """
     rows, cols = np.nonzero(grid.cells == 1)
     res = grid.resolution_m
-    local = np.stack([grid.origin.x_m + (cols + 0.5) * res, grid.origin.y_m + (rows + 0.5) * res, np.zeros(rows.size)], 1)
+    local = np.stack(
+        [grid.origin.x_m + (cols + 0.5) * res, grid.origin.y_m + (rows + 0.5) * res, np.zeros(rows.size)], 1
+    )
     world = compose(np.array([moved]), local)
     gx = np.floor((world[:, 0] - truth.origin.x_m) / truth.resolution_m).astype(int)
     gy = np.floor((world[:, 1] - truth.origin.y_m) / truth.resolution_m).astype(int)

@@ -10,9 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import wrap
-from pfcli.core.grid.tiles import BITS, NONE, REACH, SIDE, nearest_surface
+from pfcli.core.geometry import cholesky3, solve3, wrap
+from pfcli.core.grid.tiles import BITS, NONE, REACH, SIDE, Tiles, nearest_surface
 from pfcli.core.jit import kernel, parallel_kernel, prange, reduction_kernel
+
+
+NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
 
 
 class Matcher(NamedTuple):
@@ -46,7 +49,7 @@ class Match(NamedTuple):
     log_likelihood: NDArray[np.float64]
     log_prior: NDArray[np.float64]
     inliers: NDArray[np.float64]
-    second: NDArray[np.uint8]
+    second: NDArray[np.float64]
 
 
 @kernel
@@ -194,47 +197,32 @@ def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type
 
 
 @kernel
-def _refine(tiles, i, pose, prior, prior_information, points, normals, m, work, hessian):  # type: ignore[no-untyped-def]
-    """Move `pose` to the maximum of likelihood x prior: wide robust cost first, then narrow. Returns the inlier share."""
-    step, gradient = np.empty(3), np.empty(3)
-    inliers = -1.0
-    wide = True
+def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m, work, hessian):  # type: ignore[no-untyped-def]
+    """Move `pose` to the maximum of likelihood x prior^trust: wide robust cost first, then narrow.
+
+    Leaves the information of the posterior in `hessian`; returns the inlier share.
+    """
+    step, gradient, low = np.empty(3), np.empty(3), np.zeros((3, 3))
+    inliers, wide = -1.0, True
     for k in range(m.iterations):
         scale = m.wide_m if wide else 2 * m.sigma_m
         inliers = _linearise(tiles, i, pose, points, normals, 2 if wide else 1, scale, m, work, hessian, gradient)
-        for r in range(3):
-            step[r] = wrap(prior[r] - pose[r]) if r == 2 else prior[r] - pose[r]
+        step[0], step[1], step[2] = prior[0] - pose[0], prior[1] - pose[1], wrap(prior[2] - pose[2])
         for r in range(3):
             for c in range(3):
-                gradient[r] += prior_information[r, c] * step[c]
-                hessian[r, c] += prior_information[r, c]
-        _solve3(hessian, gradient, step)
+                gradient[r] += trust * prior_information[r, c] * step[c]
+                hessian[r, c] += trust * prior_information[r, c]
+        cholesky3(hessian, low)
+        solve3(low, gradient, step)
         pose[0] += step[0]
         pose[1] += step[1]
         pose[2] = wrap(pose[2] + step[2])
         moved = abs(step[0]) + abs(step[1]) + 2.0 * abs(step[2])
         if wide:
-            if moved < 0.02 or k >= m.iterations // 2:
-                wide = False
+            wide = moved >= 0.02 and k < m.iterations // 2
         elif moved < 5e-4:
             break
     return inliers
-
-
-@kernel
-def _solve3(a, b, out):  # type: ignore[no-untyped-def]
-    """Solve the symmetric positive definite 3 x 3 system a out = b by Cholesky."""
-    l00 = np.sqrt(a[0, 0])
-    l10, l20 = a[1, 0] / l00, a[2, 0] / l00
-    l11 = np.sqrt(a[1, 1] - l10 * l10)
-    l21 = (a[2, 1] - l20 * l10) / l11
-    l22 = np.sqrt(a[2, 2] - l20 * l20 - l21 * l21)
-    y0 = b[0] / l00
-    y1 = (b[1] - l10 * y0) / l11
-    y2 = (b[2] - l20 * y0 - l21 * y1) / l22
-    out[2] = y2 / l22
-    out[1] = (y1 - l21 * out[2]) / l11
-    out[0] = (y0 - l10 * out[1] - l20 * out[2]) / l00
 
 
 @kernel
@@ -247,8 +235,7 @@ def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
         + information[2, 2] * d2 * d2
         + 2 * (information[0, 1] * d0 * d1 + information[0, 2] * d0 * d2 + information[1, 2] * d1 * d2)
     )
-    det = np.linalg.det(information)
-    gauss = np.sqrt(det) / (2 * np.pi) ** 1.5 * np.exp(-0.5 * q)
+    gauss = np.exp(0.5 * cholesky3(information, np.zeros((3, 3))) - 0.5 * q) / (2 * np.pi) ** 1.5
     volume = 8 * m.coarse_xy_m * m.coarse_xy_m * m.coarse_yaw_rad
     return np.log((1 - m.slip) * gauss + m.slip / volume)
 
@@ -280,82 +267,114 @@ def _coarse_score(tiles, i, x, y, rotated, precision):  # type: ignore[no-untype
     return total / rotated.shape[0]
 
 
-@parallel_kernel
-def coarse(tiles, i, start, points, half_xy_m, half_yaw_rad, step_xy_m, step_yaw_rad, sigma_m):  # type: ignore[no-untyped-def]
-    """Correlative search around `start` in the map of particle i.
+class Window(NamedTuple):
+    """A correlative search: half widths and steps (m, rad), and the spread of an end point at that grain (m)."""
 
-    Returns (correction (3,) in the frame of `start`, its score, the score of `start`).
-    """
-    n_xy, n_yaw = int(np.ceil(half_xy_m / step_xy_m)), int(np.ceil(half_yaw_rad / step_yaw_rad))
-    yaws = 2 * n_yaw + 1
-    top = np.zeros((yaws, 3))
-    table = np.empty(2 * REACH * REACH + 1)
-    for k in range(table.size):
-        table[k] = np.exp(-0.5 * k * (tiles.resolution_m / sigma_m) ** 2)
+    half_xy_m: float
+    half_yaw_rad: float
+    step_xy_m: float
+    step_yaw_rad: float
+    sigma_m: float
+
+
+@kernel
+def _search_yaw(tiles, i, start, points, window, table, turn, out):  # type: ignore[no-untyped-def]
+    """Best translation for one turn of the window; out: penalised score, dx, dy, score at the start."""
+    n_xy = int(np.ceil(window.half_xy_m / window.step_xy_m))
     per_cell = 1.0 / tiles.resolution_m
     cos0, sin0 = np.cos(start[2]), np.sin(start[2])
-    here = np.zeros(yaws)
-    for a in prange(yaws):
-        yaw = start[2] + (a - n_yaw) * step_yaw_rad
-        cos, sin = np.cos(yaw) * per_cell, np.sin(yaw) * per_cell
-        rotated = np.empty((points.shape[0], 2))
-        for b in range(points.shape[0]):
-            rotated[b, 0] = cos * points[b, 0] - sin * points[b, 1]
-            rotated[b, 1] = sin * points[b, 0] + cos * points[b, 1]
-        for jx in range(-n_xy, n_xy + 1):
-            for jy in range(-n_xy, n_xy + 1):
-                dx, dy = jx * step_xy_m, jy * step_xy_m
-                x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
-                score = _coarse_score(tiles, i, x, y, rotated, table)
-                far = (jx * jx + jy * jy) / (2.0 * n_xy * n_xy) + ((a - n_yaw) / max(n_yaw, 1)) ** 2
-                if jx == 0 and jy == 0 and a == n_yaw:
-                    here[a] = score
-                score -= 0.03 * far
-                if score > top[a, 0]:
-                    top[a, 0], top[a, 1], top[a, 2] = score, dx, dy
-    best = n_yaw
-    for a in range(yaws):
-        if top[a, 0] > top[best, 0]:
-            best = a
-    correction = np.array([top[best, 1], top[best, 2], (best - n_yaw) * step_yaw_rad])
-    return correction, top[best, 0], here[n_yaw]
+    yaw = start[2] + turn
+    cos, sin = np.cos(yaw) * per_cell, np.sin(yaw) * per_cell
+    rotated = np.empty((points.shape[0], 2))
+    for b in range(points.shape[0]):
+        rotated[b, 0] = cos * points[b, 0] - sin * points[b, 1]
+        rotated[b, 1] = sin * points[b, 0] + cos * points[b, 1]
+    out[0] = -1.0
+    for jx in range(-n_xy, n_xy + 1):
+        for jy in range(-n_xy, n_xy + 1):
+            dx, dy = jx * window.step_xy_m, jy * window.step_xy_m
+            x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
+            score = _coarse_score(tiles, i, x, y, rotated, table)
+            if jx == 0 and jy == 0:
+                out[3] = score
+            score -= 0.03 * ((dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2)
+            if score > out[0]:
+                out[0], out[1], out[2] = score, dx, dy
 
 
 @parallel_kernel
-def match(tiles, priors, prior_information, correction, points, normals, m):  # type: ignore[no-untyped-def]
+def _search(tiles, i, start, points, window, table, out):  # type: ignore[no-untyped-def]
+    half = out.shape[0] // 2
+    for a in prange(out.shape[0]):
+        _search_yaw(tiles, i, start, points, window, table, (a - half) * window.step_yaw_rad, out[a])
+
+
+def coarse(
+    tiles: Tiles, i: int, start: NDArray[np.float64], points: NDArray[np.float64], window: Window
+) -> tuple[NDArray[np.float64], float]:
+    """Correlative search around `start` in the map of particle i.
+
+    Returns (correction (3,) in the frame of `start`, by how much its score is better than that of `start`).
+    """
+    half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
+    out = np.empty((2 * half + 1, 4))
+    squares = np.arange(2 * REACH * REACH + 1)
+    table = np.exp(-0.5 * squares * (tiles.resolution_m / window.sigma_m) ** 2)
+    _search(tiles, i, start, points, window, table, out)
+    best = int(np.argmax(out[:, 0]))
+    correction = np.array([out[best, 1], out[best, 2], (best - half) * window.step_yaw_rad])
+    return correction, float(out[best, 0] - out[half, 3])
+
+
+@kernel
+def _match_one(tiles, i, prior, information, correction, points, normals, m, pose, hessian, out):  # type: ignore[no-untyped-def]
+    """Refine from the odometry and, where a correction is offered, from there; keep what explains scan and motion best."""
+    work = np.empty((8, max(10, points.shape[0])))
+    pose[:] = prior
+    out[2] = _refine(tiles, i, pose, prior, information, 1.0, points, normals, m, work, hessian)
+    out[0] = log_likelihood(tiles, i, pose, points, normals, m.sigma_m, m, 1)
+    out[1] = log_prior(pose, prior, information, m)
+    out[3] = 0.0
+    if correction[0] == 0.0 and correction[1] == 0.0 and correction[2] == 0.0:
+        return
+    other, anchor, other_hessian = np.empty(3), np.empty(3), np.empty((3, 3))
+    cos, sin = np.cos(prior[2]), np.sin(prior[2])
+    anchor[0] = prior[0] + cos * correction[0] - sin * correction[1]
+    anchor[1] = prior[1] + sin * correction[0] + cos * correction[1]
+    anchor[2] = wrap(prior[2] + correction[2])
+    other[:] = anchor
+    inliers = _refine(tiles, i, other, anchor, information, 0.25, points, normals, m, work, other_hessian)
+    found = log_likelihood(tiles, i, other, points, normals, m.sigma_m, m, 1)
+    before = log_prior(other, prior, information, m)
+    if found + before > out[0] + out[1]:
+        pose[:] = other
+        hessian[:] = other_hessian
+        out[0], out[1], out[2], out[3] = found, before, inliers, 1.0
+
+
+@parallel_kernel
+def _match_all(tiles, priors, information, correction, points, normals, m, poses, hessians, out):  # type: ignore[no-untyped-def]
+    for i in prange(priors.shape[0]):
+        _match_one(
+            tiles, i, priors[i], information, correction, points, normals, m, poses[i], hessians[i], out[i]
+        )
+
+
+def match(
+    tiles: Tiles,
+    priors: NDArray[np.float64],
+    information: NDArray[np.float64],
+    correction: NDArray[np.float64],
+    points: NDArray[np.float64],
+    m: Matcher,
+) -> Match:
     """Maximum of p(scan | pose, map) p(pose | odometry) for each particle.
 
-    priors: (n, 3) poses predicted by odometry (m, rad); prior_information: (n, 3, 3); points, normals: (b, 2),
-    (b, 3) in the base frame; correction: (3,), a second start in the frame of the first, all zero for none.
-    Returns the fields of `Match`.
+    priors: (n, 3) poses predicted by odometry (m, rad); information: (3, 3) of that prediction; correction: (3,), a
+    second start in the frame of the first, all zero for none; points: (b, 2) end points in the base frame.
     """
     n = priors.shape[0]
-    poses = priors.copy()
-    information = np.zeros((n, 3, 3))
-    likelihood, prior_log = np.zeros(n), np.zeros(n)
-    inliers = np.zeros(n)
-    second = np.zeros(n, np.uint8)
-    corrected = correction[0] != 0.0 or correction[1] != 0.0 or correction[2] != 0.0
-    for i in prange(n):
-        work = np.empty((8, max(10, points.shape[0])))
-        inliers[i] = _refine(
-            tiles, i, poses[i], priors[i], prior_information[i], points, normals, m, work, information[i]
-        )
-        likelihood[i] = log_likelihood(tiles, i, poses[i], points, normals, m.sigma_m, m, 1)
-        prior_log[i] = log_prior(poses[i], priors[i], prior_information[i], m)
-        if corrected:
-            other, hessian = np.empty(3), np.empty((3, 3))
-            cos, sin = np.cos(priors[i, 2]), np.sin(priors[i, 2])
-            other[0] = priors[i, 0] + cos * correction[0] - sin * correction[1]
-            other[1] = priors[i, 1] + sin * correction[0] + cos * correction[1]
-            other[2] = wrap(priors[i, 2] + correction[2])
-            anchor = other.copy()
-            share = _refine(tiles, i, other, anchor, prior_information[i] * 0.25, points, normals, m, work, hessian)
-            found = log_likelihood(tiles, i, other, points, normals, m.sigma_m, m, 1)
-            before = log_prior(other, priors[i], prior_information[i], m)
-            if found + before > likelihood[i] + prior_log[i]:
-                second[i] = 1
-                poses[i] = other
-                information[i] = hessian
-                likelihood[i], prior_log[i], inliers[i] = found, before, share
-    return poses, information, likelihood, prior_log, inliers, second
+    normals = surface_normals(points, NORMAL_REACH_M, NORMAL_GAP)
+    poses, hessians, out = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 4))
+    _match_all(tiles, priors, information, correction, points, normals, m, poses, hessians, out)
+    return Match(poses, hessians, out[:, 0], out[:, 1], out[:, 2], out[:, 3])

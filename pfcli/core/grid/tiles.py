@@ -35,7 +35,7 @@ class Tiles(NamedTuple):
     only `near` and `surface` (4 KiB a tile, so that what a scan sees stays in the cache).
     """
 
-    index: NDArray[np.int32]
+    index: NDArray[np.int32]  # type: ignore[assignment]  # shadows tuple.index, which nobody calls
     corner: NDArray[np.int64]
     refs: NDArray[np.int32]
     free: NDArray[np.int32]
@@ -72,7 +72,7 @@ def cover(tiles: Tiles, low_xy_m: NDArray[np.float64], high_xy_m: NDArray[np.flo
     old_high = tiles.corner + np.array([cols, rows])
     if (low >= tiles.corner).all() and (high <= old_high).all():
         return tiles
-    grown = np.maximum(16, (old_high - tiles.corner) // 4)
+    grown = np.maximum(16, (old_high - tiles.corner) // 4)  # so that the tables are copied rarely
     corner = np.where(low < tiles.corner, np.minimum(low, tiles.corner - grown), tiles.corner)
     top = np.where(high > old_high, np.maximum(high, old_high + grown), old_high)
     index = np.full((n, top[1] - corner[1], top[0] - corner[0]), -1, np.int32)
@@ -155,6 +155,25 @@ def _foreign(index, refs, touched):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _clear(tiles, tile):  # type: ignore[no-untyped-def]
+    for k in range(CELLS):
+        for c in range(2):
+            tiles.counts[tile, k, c] = 0
+            tiles.near[tile, k, c] = NONE
+            tiles.surface[tile, k, c] = FREE
+
+
+@kernel
+def _copy(tiles, old, new):  # type: ignore[no-untyped-def]
+    for k in range(CELLS):
+        for c in range(2):
+            tiles.counts[new, k, c] = tiles.counts[old, k, c]
+            tiles.mean[new, k, c] = tiles.mean[old, k, c]
+            tiles.near[new, k, c] = tiles.near[old, k, c]
+            tiles.surface[new, k, c] = tiles.surface[old, k, c]
+
+
+@kernel
 def _take_ownership(tiles, foreign):  # type: ignore[no-untyped-def]
     flat = tiles.index.reshape(tiles.index.size)
     for k in foreign:
@@ -166,15 +185,10 @@ def _take_ownership(tiles, foreign):  # type: ignore[no-untyped-def]
         tiles.refs[tile] = 1
         flat[k] = tile
         if old < 0:
-            tiles.counts[tile] = 0
-            tiles.near[tile] = NONE
-            tiles.surface[tile] = FREE
+            _clear(tiles, tile)
         else:
             tiles.refs[old] -= 1
-            tiles.counts[tile] = tiles.counts[old]
-            tiles.mean[tile] = tiles.mean[old]
-            tiles.near[tile] = tiles.near[old]
-            tiles.surface[tile] = tiles.surface[old]
+            _copy(tiles, old, tile)
 
 
 @inline_kernel
@@ -215,29 +229,37 @@ class Beams(NamedTuple):
     skip: NDArray[np.float64]
 
 
+@kernel
+def _touch_one(corner, resolution_m, pose, beams, touched):  # type: ignore[no-untyped-def]
+    per_tile = 1.0 / (resolution_m * SIDE)
+    margin = (REACH + 1) / SIDE
+    cos, sin = np.cos(pose[2]) * per_tile, np.sin(pose[2]) * per_tile
+    bx, by = pose[0] * per_tile - corner[0], pose[1] * per_tile - corner[1]
+    sx = bx + cos * beams.origin[0] - sin * beams.origin[1]
+    sy = by + sin * beams.origin[0] + cos * beams.origin[1]
+    for b in range(beams.hit.size):
+        ex = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1]
+        ey = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1]
+        _walk(sx, sy, ex - sx, ey - sy, touched)
+        if beams.hit[b]:
+            for ty in (int(ey - margin), int(ey + margin)):
+                for tx in (int(ex - margin), int(ex + margin)):
+                    touched[ty, tx] = 1
+
+
 @parallel_kernel
-def touch(tiles, poses, beams):  # type: ignore[no-untyped-def]
+def _touch_all(corner, resolution_m, poses, beams, touched):  # type: ignore[no-untyped-def]
+    for i in prange(poses.shape[0]):
+        _touch_one(corner, resolution_m, poses[i], beams, touched[i])
+
+
+def touch(tiles: Tiles, poses: NDArray[np.float64], beams: Beams) -> NDArray[np.uint8]:
     """Mark the tiles that inserting a scan at each pose may write.
 
     poses: (n, 3) of the base in the map frame (m, rad). Returns uint8 (n, rows, cols).
     """
-    n, rows, cols = tiles.index.shape
-    touched = np.zeros((n, rows, cols), np.uint8)
-    per_tile = 1.0 / (tiles.resolution_m * SIDE)
-    margin = (REACH + 1) / SIDE
-    for i in prange(n):
-        cos, sin = np.cos(poses[i, 2]) * per_tile, np.sin(poses[i, 2]) * per_tile
-        bx, by = poses[i, 0] * per_tile - tiles.corner[0], poses[i, 1] * per_tile - tiles.corner[1]
-        sx = bx + cos * beams.origin[0] - sin * beams.origin[1]
-        sy = by + sin * beams.origin[0] + cos * beams.origin[1]
-        for b in range(beams.hit.size):
-            ex = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1]
-            ey = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1]
-            _walk(sx, sy, ex - sx, ey - sy, touched[i])
-            if beams.hit[b]:
-                for ty in (int(np.floor(ey - margin)), int(np.floor(ey + margin))):
-                    for tx in (int(np.floor(ex - margin)), int(np.floor(ex + margin))):
-                        touched[i, ty, tx] = 1
+    touched = np.zeros(tiles.index.shape, np.uint8)
+    _touch_all(tiles.corner, tiles.resolution_m, poses, beams, touched)
     return touched
 
 
@@ -259,25 +281,30 @@ def _walk(x, y, dx, dy, touched):  # type: ignore[no-untyped-def]
                 touched[r, c] = 1
 
 
+@kernel
+def _insert_one(tiles, i, pose, beams):  # type: ignore[no-untyped-def]
+    per_cell = 1.0 / tiles.resolution_m
+    cos, sin = np.cos(pose[2]) * per_cell, np.sin(pose[2]) * per_cell
+    bx, by = pose[0] * per_cell - tiles.corner[0] * SIDE, pose[1] * per_cell - tiles.corner[1] * SIDE
+    sx = bx + cos * beams.origin[0] - sin * beams.origin[1]
+    sy = by + sin * beams.origin[0] + cos * beams.origin[1]
+    for b in range(beams.hit.size):
+        dx = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1] - sx
+        dy = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1] - sy
+        t = beams.skip[b]
+        _pass_through(tiles, i, sx + t * dx, sy + t * dy, (1 - t) * dx, (1 - t) * dy)
+    for b in range(beams.hit.size):
+        if beams.hit[b]:
+            ex = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1]
+            ey = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1]
+            _hit(tiles, i, ex, ey)
+
+
 @parallel_kernel
 def insert(tiles, poses, beams):  # type: ignore[no-untyped-def]
     """Draw a scan into each particle's map, whose touched tiles it must own: free along the beams, hit at their ends."""
-    per_cell = 1.0 / tiles.resolution_m
     for i in prange(poses.shape[0]):
-        cos, sin = np.cos(poses[i, 2]) * per_cell, np.sin(poses[i, 2]) * per_cell
-        bx, by = poses[i, 0] * per_cell - tiles.corner[0] * SIDE, poses[i, 1] * per_cell - tiles.corner[1] * SIDE
-        sx = bx + cos * beams.origin[0] - sin * beams.origin[1]
-        sy = by + sin * beams.origin[0] + cos * beams.origin[1]
-        for b in range(beams.hit.size):
-            dx = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1] - sx
-            dy = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1] - sy
-            t = beams.skip[b]
-            _pass_through(tiles, i, sx + t * dx, sy + t * dy, (1 - t) * dx, (1 - t) * dy)
-        for b in range(beams.hit.size):
-            if beams.hit[b]:
-                ex = bx + cos * beams.ends[b, 0] - sin * beams.ends[b, 1]
-                ey = by + sin * beams.ends[b, 0] + cos * beams.ends[b, 1]
-                _hit(tiles, i, ex, ey)
+        _insert_one(tiles, i, poses[i], beams)
 
 
 @inline_kernel
@@ -299,7 +326,11 @@ def _pass_through(tiles, i, x, y, dx, dy):  # type: ignore[no-untyped-def]
         if (u >> BITS) != tu or (w >> BITS) != tv:
             tu, tv = u >> BITS, w >> BITS
             tile = tiles.index[i, tu, tv] if steep else tiles.index[i, tv, tu]
-        cell = (((u & (SIDE - 1)) << BITS) | (w & (SIDE - 1))) if steep else (((w & (SIDE - 1)) << BITS) | (u & (SIDE - 1)))
+        cell = (
+            (((u & (SIDE - 1)) << BITS) | (w & (SIDE - 1)))
+            if steep
+            else (((w & (SIDE - 1)) << BITS) | (u & (SIDE - 1)))
+        )
         seen, hits = np.int64(tiles.counts[tile, cell, 0]) + 1, np.int64(tiles.counts[tile, cell, 1])
         if hits > 0 and 4 * hits <= seen:
             tiles.surface[tile, cell, 0] = FREE

@@ -25,9 +25,10 @@ from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposa
 from pfcli.systems.slam_gdr.params import Params
 
 _COARSE_BEAMS = 50
-_COARSE_STEP_M, _COARSE_STEP_RAD, _COARSE_SIGMA_M = 0.15, 0.035, 0.12
+_COARSE_STEPS = (0.15, 0.035, 0.12)
+"""Steps (m, rad) and end point spread (m) of the coarse search; a beam count at which it still sees a room."""
 _COARSE_GAIN = 0.005
-_NORMAL_REACH_M, _NORMAL_GAP = 0.15, 0.1
+"""A correction is worth a second start from this much more mean likelihood on."""
 
 
 class Info(NamedTuple):
@@ -190,40 +191,21 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
         coarse_yaw_rad=float(np.radians(params.coarse_yaw_deg)),
     )
     predicted = compose(state.pose, moved.reshape(1, 3))
-    prior = np.broadcast_to(information(moved, noise), (params.particles, 3, 3)).copy()
-    correction = _look_around(state, predicted, points, matcher)
-    normals = scan_match.surface_normals(points.ends, _NORMAL_REACH_M, _NORMAL_GAP)
-    return scan_match.Match(
-        *scan_match.match(state.maps, predicted, prior, correction, points.ends, normals, matcher)
-    )
-
-
-def _look_around(
-    state: State, predicted: NDArray[np.float64], points: Points, matcher: scan_match.Matcher
-) -> NDArray[np.float64]:
-    """Correction to the odometry that the leading particle's map proposes; zero where odometry is as good."""
+    window = scan_match.Window(params.coarse_xy_m, matcher.coarse_yaw_rad, *_COARSE_STEPS)
     lead = int(np.argmax(state.score))
-    thinned = points.ends[:: max(1, points.ends.shape[0] // _COARSE_BEAMS)]
-    correction, found, here = scan_match.coarse(
-        state.maps,
-        lead,
-        predicted[lead],
-        thinned,
-        matcher.coarse_xy_m,
-        matcher.coarse_yaw_rad,
-        _COARSE_STEP_M,
-        _COARSE_STEP_RAD,
-        _COARSE_SIGMA_M,
-    )
-    return correction if found > here + _COARSE_GAIN else np.zeros(3)
+    thinned = points.ends[:: max(1, points.ends.shape[0] // _COARSE_BEAMS)].copy()
+    correction, better = scan_match.coarse(state.maps, lead, predicted[lead], thinned, window)
+    if better <= _COARSE_GAIN:
+        correction = np.zeros(3)
+    return scan_match.match(state.maps, predicted, information(moved, noise), correction, points.ends, matcher)
 
 
 def _ancestors(weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int) -> NDArray[np.int64]:
     rng = draw(Purpose.RESAMPLE, stamp_ns)
     if params.resampler == "stratified":
-        return stratified.ancestors(weights, rng.random(weights.size))
+        return np.asarray(stratified.ancestors(weights, rng.random(weights.size)))
     if params.resampler == "systematic":
-        return systematic.ancestors(weights, rng.random(1))
+        return np.asarray(systematic.ancestors(weights, rng.random(1)))
     return csw.ancestors(weights, rng.random(1), params.sort)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pfcli.core.geometry import wrap
+from pfcli.core.geometry import cholesky3, wrap
 from pfcli.core.jit import kernel
 
 
@@ -14,16 +14,15 @@ def sample_proposal(mode, information, scale, z):  # type: ignore[no-untyped-def
     Returns (poses (n, 3), log sqrt det covariance (n,), position standard deviation (n,)).
     """
     n = mode.shape[0]
-    poses, half_log_det, spread = np.empty((n, 3)), np.empty(n), np.empty(n)
+    poses, half_log_det, spread, low = np.empty((n, 3)), np.empty(n), np.empty(n), np.zeros((3, 3))
     for i in range(n):
-        low = np.linalg.cholesky(information[i])
+        half_log_det[i] = -0.5 * cholesky3(information[i], low)
         d2 = z[i, 2] / low[2, 2]
         d1 = (z[i, 1] - low[2, 1] * d2) / low[1, 1]
         d0 = (z[i, 0] - low[1, 0] * d1 - low[2, 0] * d2) / low[0, 0]
         poses[i, 0] = mode[i, 0] + scale * d0
         poses[i, 1] = mode[i, 1] + scale * d1
         poses[i, 2] = wrap(mode[i, 2] + scale * d2)
-        half_log_det[i] = -np.log(low[0, 0]) - np.log(low[1, 1]) - np.log(low[2, 2])
         spread[i] = np.sqrt(0.5 / (low[0, 0] * low[0, 0]) + 0.5 / (low[1, 1] * low[1, 1]))
     return poses, half_log_det, spread
 
@@ -61,15 +60,14 @@ def coalesced(parents):  # type: ignore[no-untyped-def]
 def covariance(poses):  # type: ignore[no-untyped-def]
     """Covariance (3, 3) of equally weighted poses (n, 3), headings seen from the first one."""
     n = poses.shape[0]
-    mean, out = np.zeros(3), np.zeros((3, 3))
-    offsets = np.empty((n, 3))
+    mean, out, offsets = np.zeros(3), np.zeros((3, 3)), np.empty((n, 3))
     for i in range(n):
         offsets[i, 0], offsets[i, 1] = poses[i, 0] - poses[0, 0], poses[i, 1] - poses[0, 1]
         offsets[i, 2] = wrap(poses[i, 2] - poses[0, 2])
-        mean += offsets[i] / n
+        for r in range(3):
+            mean[r] += offsets[i, r] / n
     for i in range(n):
-        d = offsets[i] - mean
         for r in range(3):
             for c in range(3):
-                out[r, c] += d[r] * d[c] / n
+                out[r, c] += (offsets[i, r] - mean[r]) * (offsets[i, c] - mean[c]) / n
     return out

@@ -16,9 +16,9 @@ class Params:
     ] = "corrected"
     update_distance_m: Annotated[float, Opt("a scan updates the filter after this way", "m", 0, 100)] = 0.25
     update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.25
-    resampler: Annotated[
-        str, Opt("how offspring are chosen", choices=("gdr", "csw", "systematic", "stratified"))
-    ] = "gdr"
+    resampler: Annotated[str, Opt("how offspring are chosen", choices=("gdr", "csw", "systematic", "stratified"))] = (
+        "gdr"
+    )
     sort: Annotated[str, Opt("order of the cumulative sum", choices=("descending", "none"))] = "descending"
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share of N", "", 0, 1)] = 0.5
     alpha_xy_m: Annotated[float, Opt("dispersal at average weight", "m", 0, 1)] = 0.01
@@ -26,9 +26,7 @@ class Params:
     dispersal_cap: Annotated[float, Opt("largest variance factor of the dispersal", "", 0, 1000)] = 9.0
     disperse_first: Annotated[bool, Opt("disperse the first offspring of a parent too, as the paper prints it")] = False
     resolution_m: Annotated[float, Opt("side of a map cell", "m", 0.005, 1)] = 0.05
-    max_range_m: Annotated[
-        float, Opt("usable range; 0 takes it from the messages' range_max", "m", 0, 1000)
-    ] = 0.0
+    max_range_m: Annotated[float, Opt("usable range; 0 takes it from the messages' range_max", "m", 0, 1000)] = 0.0
     max_beams: Annotated[int, Opt("use every k-th beam so that at most so many remain", "", 1, 100_000)] = 400
     clear_no_return_m: Annotated[
         float, Opt("how far a beam without a return clears the map; 0 leaves it out", "m", 0, 1000)
@@ -40,7 +38,8 @@ class Params:
         float, Opt("share of a scan's log evidence that counts as new: successive scans err alike", "", 1e-6, 10)
     ] = 0.01
     proposal_scale: Annotated[
-        float, Opt("sample the improved proposal with this multiple of its standard deviation; 0 takes its mode", "", 0, 10)
+        float,
+        Opt("sample the improved proposal with this multiple of its standard deviation; 0 takes its mode", "", 0, 10),
     ] = 0.3
     coarse_xy_m: Annotated[float, Opt("half width of the coarse search", "m", 0, 5)] = 0.3
     coarse_yaw_deg: Annotated[float, Opt("half width of the coarse search", "deg", 0, 180)] = 20.0
