@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from pfcli.errors import LogError, UsageError
+from pfcli.errors import UsageError
 from pfcli.events import Event, Odometry, Scan, SourceStamp, Sweep, Ticks, Twist, Wheels, YawRate
 from pfcli.replay import Loss
 
@@ -174,8 +174,6 @@ def sweeps(events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_g
             yield Sweep(scan.stamp_ns, before[1:4], scan, name)
         else:
             loss.add("scan without odometry", "scans after the last odometry message have no pose")
-    if before is None:
-        raise LogError("the log holds no usable motion message")
 
 
 def _interpolate(a: Odometry, b: Odometry, stamp_ns: int) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pfcli.errors import OutputError, reason
+from pfcli.errors import OutputError, UsageError, reason
 
 
 @contextmanager
@@ -46,6 +46,15 @@ def check(target: Path, *, force: bool) -> None:
         above = above.parent
     if not os.access(above, os.W_OK | os.X_OK):
         raise OutputError(f"{target}: {above} is not writable")
+
+
+PICTURES = (".png", ".svg", ".pdf")
+
+
+def check_kind(picture: Path) -> None:
+    """Refuse a picture of a kind that cannot be drawn."""
+    if picture.suffix not in PICTURES:
+        raise UsageError(f"--plot {picture}: the ending must be one of {', '.join(PICTURES)}")
 
 
 def _replace(partial: Path, target: Path) -> None:

@@ -24,6 +24,7 @@ from pfcli.formats.schemas import typestore
 SOURCE_STAMP_TOPIC = "/source_stamp"
 _TF = "tf2_msgs/msg/TFMessage"
 _TRUTH_NAMES = ("truth", "ground_truth", "groundtruth", "mocap", "reference")
+_MOUNTED = (Scan, Range)
 _FAR_NS = 10 * 365 * 86400 * SECOND
 
 
@@ -211,12 +212,11 @@ class _Merge:
         self._log = log
         self._sources = sources
         self._extrinsics = extrinsics
-        self._of_channel = {(s.channel.id, k): s for k, s in enumerate(sources)}
         self._horizon = int(log.settings.reorder_s * SECOND)
         self._buffers: dict[int, bytes | memoryview] = {}
         self._rows = np.empty((0, 7), np.int64)
         self._count = 0
-        self._latest = self._emitted = -(1 << 62)
+        self._latest = -(1 << 62)
         self._first: int | None = None
         self._mounts: dict[str, Mount] = {}
 
@@ -229,41 +229,51 @@ class _Merge:
     def _take(self, batch: Batch) -> None:
         """Stamp the wanted messages of a batch and put them into the buffer."""
         key = len(self._buffers) and max(self._buffers) + 1
-        view: NDArray[np.uint8] | None = None
+        view = np.frombuffer(batch.data, np.uint8)
+        parts = []
         for index, source in enumerate(self._sources):
             picked = np.flatnonzero(batch.channel == source.channel.id)
             if picked.size == 0:
                 continue
-            if view is None:
-                view = np.frombuffer(batch.data, np.uint8)
-                self._buffers[key] = batch.data
             rows = np.empty((picked.size, 7), np.int64)
             rows[:, 0] = self._stamps(source, batch, picked, view)
             rows[:, 0] += int(self._log.settings.offsets_s.get(source.role, 0.0) * SECOND)
             rows[:, 1] = RANK[source.role]
-            rows[:, 2] = np.arange(self._count, self._count + picked.size)
+            rows[:, 2] = picked + self._count
             rows[:, 3], rows[:, 4] = index, key
             rows[:, 5], rows[:, 6] = batch.offset[picked], batch.length[picked]
-            self._count += picked.size
-            self._rows = np.concatenate([self._rows, self._sane(rows, source)])
-        if self._rows.size:
-            self._latest = max(self._latest, int(self._rows[:, 0].max()))
+            parts.append(rows)
+        self._count += batch.channel.size
+        if not parts:
+            return
+        self._buffers[key] = batch.data
+        rows = np.concatenate(parts)
+        self._rows = np.concatenate([self._rows, self._in_time(rows[np.argsort(rows[:, 2])])])
 
-    def _sane(self, rows: NDArray[np.int64], source: _Source) -> NDArray[np.int64]:
-        """Drop messages without a usable stamp and those that come later than the buffer can mend."""
-        where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+    def _in_time(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Rows in file order without those that have no usable stamp or come later than the horizon can mend.
+
+        What is late is decided by the order in the file alone, whatever the chunks.
+        """
         bad = rows[:, 0] < 0
-        if self._emitted > 0:
-            bad |= np.abs(rows[:, 0] - self._emitted) > _FAR_NS
-        late = ~bad & (rows[:, 0] < self._emitted)
-        for _ in range(int(bad.sum())):
+        if self._latest > 0:
+            bad |= np.abs(rows[:, 0] - self._latest) > _FAR_NS
+        for index in rows[bad, 3].tolist():
+            where = f"{self._log.path}: topic {printable(self._sources[index].channel.topic)!r}"
             self._log.loss.add("bad stamp", f"{where}, field 'stamp': not a usable time; such messages are skipped")
-        for stamp in rows[late, 0].tolist():
-            behind = (self._emitted - stamp) / SECOND
+        rows = rows[~bad]
+        if rows.size == 0:
+            return rows
+        newest = np.maximum.accumulate(np.maximum(rows[:, 0], self._latest))
+        behind = newest - rows[:, 0]
+        self._latest = int(newest[-1])
+        for k in np.flatnonzero(behind > self._horizon).tolist():
+            where = f"{self._log.path}: topic {printable(self._sources[rows[k, 3]].channel.topic)!r}"
             self._log.loss.add(
-                "late", f"{where}: time goes back by {behind:.3f} s; raise --reorder to mend it, or use --time log"
+                "late",
+                f"{where}: time goes back by {behind[k] / SECOND:.3f} s; a larger --reorder mends it, or --time log",
             )
-        return rows[~(bad | late)]
+        return rows[behind <= self._horizon]
 
     def _stamps(
         self, source: _Source, batch: Batch, picked: NDArray[np.int64], view: NDArray[np.uint8]
@@ -284,12 +294,11 @@ class _Merge:
 
     def _release(self, until: int) -> Iterator[Event]:
         """Emit what is at least as old as `until`."""
-        ready = self._rows[:, 0] <= until
+        ready = self._rows[:, 0] < until
         if not ready.any():
             return
         rows, self._rows = self._rows[ready], self._rows[~ready]
         rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-        self._emitted = int(rows[-1, 0])
         if self._first is None:
             self._first = int(rows[0, 0])
         low, high = self._window()
@@ -317,7 +326,7 @@ class _Merge:
             self._log.loss.add("unreadable message", f"{where}: a message {printable(str(error))}; it is skipped")
             return None
         self._log.loss.read[source.role] += 1
-        if isinstance(event, Scan | Range):
+        if isinstance(event, _MOUNTED):
             mount = self._mounts.get(frame)
             if mount is None:
                 mount = self._extrinsics.mount(frame, self._log.path, source.channel.topic)

@@ -7,7 +7,7 @@ import click
 
 from pfcli import registry
 from pfcli.options import build_params, drive_of, reading_options, settings_of, system_options
-from pfcli.outputs import check, interrupt_on_terminate, output_dir
+from pfcli.outputs import check, check_kind, interrupt_on_terminate, output_dir
 
 _READING = ("topic", "clock", "start", "end", "reorder", "time_offset", "extrinsic")
 
@@ -59,6 +59,8 @@ def _run(name: str, params: type, given: dict[str, Any]) -> int:
     built = build_params(params, given, given["params_file"])
     settings = settings_of(*(given[k] for k in _READING))
     check(given["out"], force=given["force"])
+    if given["plot"] is not None:
+        check_kind(given["plot"])
     interrupt_on_terminate()
 
     from pfcli import run

@@ -5,16 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from pfcli.errors import OutputError, UsageError, reason
+from pfcli.errors import OutputError, reason
 from pfcli.systems.result import Result
-
-KINDS = (".png", ".svg", ".pdf")
 
 
 def draw(path: Path, result: Result, title: str) -> None:
     """Map with the track over it. The bytes depend on the result only (no date, fixed ids)."""
-    if path.suffix not in KINDS:
-        raise UsageError(f"--plot {path}: the ending must be one of {', '.join(KINDS)}")
     import matplotlib
 
     matplotlib.use("Agg")

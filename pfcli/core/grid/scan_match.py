@@ -353,10 +353,10 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
 
 
 @parallel_kernel
-def _match_all(tiles, priors, information, correction, points, normals, m, poses, hessians, out):  # type: ignore[no-untyped-def]
+def _match_all(tiles, priors, information, corrections, points, normals, m, poses, hessians, out):  # type: ignore[no-untyped-def]
     for i in prange(priors.shape[0]):
         _match_one(
-            tiles, i, priors[i], information, correction, points, normals, m, poses[i], hessians[i], out[i]
+            tiles, i, priors[i], information, corrections[i], points, normals, m, poses[i], hessians[i], out[i]
         )
 
 
@@ -364,17 +364,17 @@ def match(
     tiles: Tiles,
     priors: NDArray[np.float64],
     information: NDArray[np.float64],
-    correction: NDArray[np.float64],
+    corrections: NDArray[np.float64],
     points: NDArray[np.float64],
     m: Matcher,
 ) -> Match:
     """Maximum of p(scan | pose, map) p(pose | odometry) for each particle.
 
-    priors: (n, 3) poses predicted by odometry (m, rad); information: (3, 3) of that prediction; correction: (3,), a
-    second start in the frame of the first, all zero for none; points: (b, 2) end points in the base frame.
+    priors: (n, 3) poses predicted by odometry (m, rad); information: (3, 3) of that prediction; corrections: (n, 3),
+    second starts in the frames of the first, all zero for none; points: (b, 2) end points in the base frame.
     """
     n = priors.shape[0]
     normals = surface_normals(points, NORMAL_REACH_M, NORMAL_GAP)
     poses, hessians, out = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 4))
-    _match_all(tiles, priors, information, correction, points, normals, m, poses, hessians, out)
+    _match_all(tiles, priors, information, corrections, points, normals, m, poses, hessians, out)
     return Match(poses, hessians, out[:, 0], out[:, 1], out[:, 2], out[:, 3])

@@ -191,13 +191,27 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
         coarse_yaw_rad=float(np.radians(params.coarse_yaw_deg)),
     )
     predicted = compose(state.pose, moved.reshape(1, 3))
-    window = scan_match.Window(params.coarse_xy_m, matcher.coarse_yaw_rad, *_COARSE_STEPS)
-    lead = int(np.argmax(state.score))
+    prior = information(moved, noise)
     thinned = points.ends[:: max(1, points.ends.shape[0] // _COARSE_BEAMS)].copy()
-    correction, better = scan_match.coarse(state.maps, lead, predicted[lead], thinned, window)
-    if better <= _COARSE_GAIN:
-        correction = np.zeros(3)
-    return scan_match.match(state.maps, predicted, information(moved, noise), correction, points.ends, matcher)
+    near = scan_match.Window(params.coarse_xy_m, matcher.coarse_yaw_rad, *_COARSE_STEPS)
+    lead = int(np.argmax(state.score))
+    corrections = np.tile(_look(state.maps, lead, predicted[lead], thinned, near), (params.particles, 1))
+    match = scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
+    if not 0.0 <= match.inliers.mean() < params.rescue_inliers:
+        return match
+    # the loop was missed or a wheel has slipped: every particle looks around in its own map, farther
+    wide = near._replace(half_xy_m=params.rescue_xy_m)
+    for i in range(params.particles):
+        corrections[i] = _look(state.maps, i, predicted[i], thinned, wide)
+    return scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
+
+
+def _look(
+    maps: tiles.Tiles, i: int, predicted: NDArray[np.float64], points: NDArray[np.float64], window: scan_match.Window
+) -> NDArray[np.float64]:
+    """Correction to the odometry that particle i's map proposes; zero where odometry is as good."""
+    correction, better = scan_match.coarse(maps, i, predicted, points, window)
+    return correction if better > _COARSE_GAIN else np.zeros(3)
 
 
 def _ancestors(weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int) -> NDArray[np.int64]:

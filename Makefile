@@ -1,0 +1,28 @@
+PYTHON ?= python
+
+.PHONY: test lint docs bench golden samples slow
+
+test:
+	$(PYTHON) -m pytest
+
+slow:
+	$(PYTHON) -m pytest -m slow
+
+lint:
+	ruff check .
+	ruff format --check .
+	mypy
+	lint-imports
+
+docs:
+	$(PYTHON) docs/generate.py
+
+samples:
+	$(PYTHON) sample_logs/make.py samples
+
+golden:
+	$(PYTHON) sample_logs/make.py golden
+
+bench:
+	$(PYTHON) benchmarks/slam_real.py
+	$(PYTHON) benchmarks/speed.py

@@ -1,0 +1,37 @@
+"""`pfcli simulate SCENARIO OUT`."""
+
+from pathlib import Path
+
+import click
+
+from pfcli.errors import UsageError
+
+
+@click.command()
+@click.argument("scenario")
+@click.argument("target", type=click.Path(path_type=Path))
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of noise, slips and people.")
+@click.option("--true-map", is_flag=True, help="Also write the true map as TARGET's name + .yaml and .pgm.")
+@click.option("--force", is_flag=True, help="Replace TARGET.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
+def simulate(scenario: str, target: Path, seed: int, true_map: bool, force: bool, as_json: bool) -> None:
+    """Write a log of SCENARIO (a name, or a TOML file with the same fields) with truth to TARGET (.mcap).
+
+    `pfcli simulate list -` prints the names. Example: pfcli simulate office office.mcap --seed 3
+    """
+    from pfcli.simulate import scenario as scenarios
+
+    if scenario == "list":
+        for s in scenarios.SCENARIOS.values():
+            click.echo(f"{s.name:<18} world {s.world}, robot {s.robot}, laser {s.laser}" + (f", {s.people} people" if s.people else ""))
+        return
+    if target.exists() and not force:
+        raise UsageError(f"{target}: exists; say --force to replace it")
+    from pfcli.commands.show import emit
+
+    found = scenarios.load(scenario)
+    counts = scenarios.write(found, seed, target)
+    if true_map:
+        scenarios.write_map(found, target.parent, target.stem)
+    line = f"{target}: {counts['scans']} scans, {counts['way_m']:.1f} m in {counts['span_s']:.0f} s"
+    emit({"out": str(target), "scenario": found.name, "seed": seed, **counts}, [line], as_json)

@@ -1,0 +1,218 @@
+"""A scenario: world, robot, scanner and crowd, from a TOML file or by name, written as a log with truth."""
+
+import math
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.errors import LogError, UsageError, reason
+from pfcli.events import Odometry, Pose2, Scan
+from pfcli.formats import map_yaml
+from pfcli.formats.log_writer import LogWriter
+from pfcli.rng import Purpose, rng_for
+from pfcli.simulate.laser import LASERS, Laser, cast
+from pfcli.simulate.robot import ROBOTS, STEP_S, Robot, WheelOdometry, drive
+from pfcli.simulate.world import WORLDS, World, rasterize
+
+WHEEL_RADIUS_M, TICKS_PER_TURN = 0.1, 2000
+_EPOCH_NS = 1_600_000_000_000_000_000
+
+
+class Scenario(NamedTuple):
+    """What is simulated.
+
+    people: how many walk about; duration_s: stop after so long (0: when the route ends); rate_hz: of the scanner (0: its
+    own); odometry_hz: of odometry and truth; encoding: `ros2` (CDR, odometry) or `json` (wheel ticks, no ROS).
+    """
+
+    name: str
+    world: str = "office"
+    robot: str = "pioneer"
+    laser: str = "sick-1deg"
+    world_seed: int = 1
+    people: int = 0
+    duration_s: float = 0.0
+    rate_hz: float = 0.0
+    odometry_hz: float = 20.0
+    encoding: str = "ros2"
+
+
+SCENARIOS = {
+    s.name: s
+    for s in (
+        Scenario("small-loop", "small-loop", "pioneer", "sick-1deg", rate_hz=4.0, odometry_hz=4.0),
+        Scenario("no-ros", "small-loop", "pioneer", "coarse-240", 2, 3, 90.0, 4.0, 4.0, "json"),
+        Scenario("office", "office"),
+        Scenario("paper-40x25", "paper-40x25", "pioneer", "urg-04lx"),
+        Scenario("paper-40x25-long", "paper-40x25", "pioneer", "sick-1deg"),
+        Scenario("paper-60x50", "paper-60x50", "pioneer", "urg-04lx"),
+        Scenario("paper-60x50-long", "paper-60x50", "pioneer", "sick-1deg"),
+        Scenario("loop-500m", "loop-500m"),
+        Scenario("loop-2km", "loop-2km"),
+        Scenario("half-degree", "office", "pioneer", "sick-half"),
+        Scenario("quarter-degree", "office", "pioneer", "quarter"),
+        Scenario("narrow-view", "office", "pioneer", "narrow"),
+        Scenario("full-circle", "office", "pioneer", "ring-360"),
+        Scenario("off-centre", "office", "pioneer", "off-centre"),
+        Scenario("slips", "office", "slips"),
+        Scenario("wheel-5-percent", "office", "wheel-5-percent"),
+        Scenario("people", "office", people=12),
+    )
+}
+
+
+def load(text: str) -> Scenario:
+    """A scenario by name or from a TOML file with the fields of `Scenario`."""
+    if text in SCENARIOS:
+        return SCENARIOS[text]
+    path = Path(text)
+    if path.suffix != ".toml":
+        raise UsageError(f"no scenario {text!r}; there are {', '.join(SCENARIOS)}, or name a .toml file")
+    try:
+        fields = tomllib.loads(path.read_text())
+        known = {k: type(v) for k, v in Scenario("x")._asdict().items()}
+        for key, value in fields.items():
+            if key not in known or not isinstance(value, (int, float) if known[key] is float else known[key]):
+                raise UsageError(f"{path}: field {key!r} is unknown or of the wrong type; known: {', '.join(known)}")
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise LogError(f"{path}: cannot be read as a scenario ({reason(error)})") from None
+    found = Scenario(**{"name": path.stem} | fields)
+    for value, table in ((found.world, WORLDS), (found.robot, ROBOTS), (found.laser, LASERS)):
+        if value not in table:
+            raise UsageError(f"{path}: {value!r} is none of {', '.join(table)}")
+    return found
+
+
+class Reading(NamedTuple):
+    """One instant: stamp, truth, odometry, way of each wheel (m), and a scan's ranges where one is due."""
+
+    stamp_ns: int
+    truth: tuple[float, float, float]
+    odometry: tuple[float, float, float]
+    wheels_m: tuple[float, float]
+    ranges_m: NDArray[np.float32] | None
+
+
+def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
+    """Drive the scenario; everything is rounded to 1 mm and 1e-4 rad so that CPU types agree."""
+    world = WORLDS[scenario.world](scenario.world_seed)
+    robot, laser = ROBOTS[scenario.robot], _laser(scenario)
+    rng = rng_for(seed, Purpose.SIMULATE, 0)
+    odometer = WheelOdometry(robot, rng)
+    crowd = _Crowd(world, scenario.people, rng_for(seed, Purpose.SIMULATE, 1))
+    every = max(1, round(1.0 / (laser.rate_hz * STEP_S)))
+    offsets = _angles(laser)
+    ranges = np.empty(laser.beams)
+    for k, true in enumerate(drive(world.route, robot)):
+        if scenario.duration_s and k * STEP_S > scenario.duration_s:
+            return
+        odometry = odometer(true)
+        crowd.walk(STEP_S)
+        seen = None
+        if k % every == 0:
+            sx, sy, syaw = _compose(true, laser.mount)
+            cast(sx, sy, offsets + syaw, world.walls, crowd.discs, laser.range_m, ranges)
+            noisy = np.round(ranges + laser.noise_m * rng.standard_normal(laser.beams), 3)
+            seen = np.where(ranges >= laser.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
+        yield Reading(_EPOCH_NS + round(k * STEP_S * 1e9), _rounded(true), _rounded(odometry), odometer.wheels_m, seen)
+
+
+def _laser(scenario: Scenario) -> Laser:
+    laser = LASERS[scenario.laser]
+    return laser._replace(rate_hz=scenario.rate_hz) if scenario.rate_hz else laser
+
+
+def _angles(laser: Laser) -> NDArray[np.float64]:
+    low, step = _angle_grid(laser)
+    return low + step * np.arange(laser.beams)
+
+
+def _angle_grid(laser: Laser) -> tuple[float, float]:
+    return -math.radians(laser.view_deg) / 2, math.radians(laser.view_deg) / (laser.beams - 1)
+
+
+def _compose(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    c, s = math.cos(a[2]), math.sin(a[2])
+    return a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], a[2] + b[2]
+
+
+def _rounded(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+    return round(pose[0], 3), round(pose[1], 3), round(pose[2], 4)
+
+
+class _Crowd:
+    """Discs that walk along the route and back, at 1 m/s, off its middle."""
+
+    def __init__(self, world: World, people: int, rng: np.random.Generator) -> None:
+        self._route = world.route
+        self._at = rng.uniform(0, max(1, len(world.route) - 1), people)
+        self._side = rng.uniform(-0.6, 0.6, (people, 2))
+        self._sign = np.where(rng.random(people) < 0.5, -1.0, 1.0)
+        self.discs = np.zeros((people, 3))
+        self.walk(0.0)
+
+    def walk(self, seconds: float) -> None:
+        """Move everybody."""
+        last = len(self._route) - 1
+        for k in range(self._at.size):
+            leg = min(int(self._at[k]), last - 1)
+            a, b = self._route[leg], self._route[leg + 1]
+            length = max(0.1, math.hypot(b[0] - a[0], b[1] - a[1]))
+            self._at[k] += self._sign[k] * seconds / length
+            if not 0.0 <= self._at[k] <= last:
+                self._sign[k] *= -1
+                self._at[k] = min(max(self._at[k], 0.0), last)
+            leg = min(int(self._at[k]), last - 1)
+            share = self._at[k] - leg
+            a, b = self._route[leg], self._route[leg + 1]
+            self.discs[k, :2] = a + share * (b - a) + self._side[k]
+            self.discs[k, 2] = 0.25
+
+
+def write(scenario: Scenario, seed: int, path: Path) -> dict[str, float]:
+    """Write the log (uncompressed chunks, truth on /ground_truth); returns counts."""
+    laser = _laser(scenario)
+    every = max(1, round(1.0 / (scenario.odometry_hz * STEP_S)))
+    put = _put_json if scenario.encoding == "json" else _put_ros2
+    scans, way, last, end = 0, 0.0, None, _EPOCH_NS
+    with LogWriter(path, "none") as log:
+        log.tf_static(_EPOCH_NS, [("base_link", "laser", Pose2(*laser.mount))])
+        for k, reading in enumerate(play(scenario, seed)):
+            put(log, reading, laser, k % every == 0)
+            scans += reading.ranges_m is not None
+            way += math.hypot(reading.truth[0] - last[0], reading.truth[1] - last[1]) if last else 0.0
+            last, end = reading.truth, reading.stamp_ns
+    return {"scans": scans, "way_m": round(way, 2), "span_s": (end - _EPOCH_NS) * 1e-9}
+
+
+def _put_ros2(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool) -> None:
+    if odometry_due:
+        log.odometry(Odometry(reading.stamp_ns, *reading.odometry))
+        log.pose(reading.stamp_ns, reading.truth)
+    if reading.ranges_m is not None:
+        low, step = _angle_grid(laser)
+        log.scan(Scan(reading.stamp_ns, reading.ranges_m, low, step, 0.02, laser.range_m, Pose2()))
+
+
+def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool) -> None:
+    if odometry_due:
+        ticks = [round(way / (2 * math.pi * WHEEL_RADIUS_M) * TICKS_PER_TURN) for way in reading.wheels_m]
+        wheels = {"names": ["left", "right"], "ticks": ticks, "ticks_per_turn": TICKS_PER_TURN}
+        log.json("/encoders", "pfcli.WheelEncoders", reading.stamp_ns, **wheels)
+        x, y, yaw = reading.truth
+        log.json("/ground_truth", "pfcli.Pose2D", reading.stamp_ns, x_m=x, y_m=y, yaw_rad=yaw)
+    if reading.ranges_m is not None:
+        low, step = _angle_grid(laser)
+        ranges = [round(float(r), 3) if math.isfinite(r) else None for r in reading.ranges_m]
+        angles = {"angle_min_rad": round(low, 9), "angle_increment_rad": round(step, 9)}
+        limits = {"range_min_m": 0.02, "range_max_m": laser.range_m, "frame_id": "laser"}
+        log.json("/scan", "pfcli.LaserScan", reading.stamp_ns, ranges_m=ranges, **angles, **limits)
+
+
+def write_map(scenario: Scenario, folder: Path, name: str) -> None:
+    """Write the true map beside the log."""
+    map_yaml.write(folder, rasterize(WORLDS[scenario.world](scenario.world_seed), 0.05), name)

@@ -1,0 +1,173 @@
+"""Indoor worlds as wall segments: floor plans with rooms, doors, corridors and furniture, made from a few numbers."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.events import Pose2
+from pfcli.formats.map_yaml import GridMap
+
+
+class World(NamedTuple):
+    """walls: (s, 4) segments x1, y1, x2, y2 (m); route: (k, 2) way points of one lap (m); closed: the route is a loop."""
+
+    walls: NDArray[np.float64]
+    route: NDArray[np.float64]
+
+
+class _Plan:
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.segments: list[tuple[float, float, float, float]] = []
+        self.rng = rng
+
+    def wall(self, x1: float, y1: float, x2: float, y2: float, doors: tuple[float, ...] = (), width: float = 1.0) -> None:
+        """A wall with gaps of `width` centred at these distances from its start."""
+        length = math.hypot(x2 - x1, y2 - y1)
+        ux, uy = (x2 - x1) / length, (y2 - y1) / length
+        at = 0.0
+        for door in [*sorted(doors), math.inf]:
+            stop = min(length, door - width / 2)
+            if stop > at:
+                self.segments.append((x1 + ux * at, y1 + uy * at, x1 + ux * stop, y1 + uy * stop))
+            at = door + width / 2
+            if at >= length:
+                break
+
+    def box(self, x: float, y: float, w: float, h: float, yaw: float = 0.0) -> None:
+        """A piece of furniture."""
+        c, s = math.cos(yaw), math.sin(yaw)
+        corners = [(x + c * a - s * b, y + s * a + c * b) for a, b in ((-w, -h), (w, -h), (w, h), (-w, h))]
+        for (x1, y1), (x2, y2) in zip(corners, corners[1:] + corners[:1], strict=True):
+            self.segments.append((x1, y1, x2, y2))
+
+    def furnish(self, x0: float, y0: float, x1: float, y1: float, pieces: int) -> None:
+        """Boxes along the walls of a room."""
+        for _ in range(pieces):
+            w, h = self.rng.uniform(0.2, 0.5, 2)
+            side = int(self.rng.integers(4))
+            px, py = self.rng.uniform(x0 + 0.8, x1 - 0.8), self.rng.uniform(y0 + 0.8, y1 - 0.8)
+            px = x0 + w if side == 0 else x1 - w if side == 1 else px
+            py = y0 + h if side == 2 else y1 - h if side == 3 else py
+            self.box(px, py, w, h)
+
+    def world(self, route: list[tuple[float, float]]) -> World:
+        return World(np.round(np.array(self.segments), 3), np.array(route, float))
+
+
+def ring(width: float, height: float, corridor: float, room: float, seed: int, laps: int = 1) -> World:
+    """A building around a ring corridor with rooms on its outer side and a closed core.
+
+    width, height: of the ring corridor's centre line (m); corridor: its width; room: depth of the rooms outside.
+    The route drives the ring `laps` times and looks into a room on each side.
+    """
+    plan = _Plan(np.random.default_rng(seed))
+    h, half = height, corridor / 2
+    inner = (half, half, width - half, h - half)
+    outer = (-half, -half, width + half, h + half)
+    for x1, y1, x2, y2 in _edges(inner):
+        plan.wall(x1, y1, x2, y2, _niches(plan, math.hypot(x2 - x1, y2 - y1)), 1.2)
+    core = 1.0
+    for x1, y1, x2, y2 in _edges((inner[0] + core, inner[1] + core, inner[2] - core, inner[3] - core)):
+        plan.wall(x1, y1, x2, y2)
+    if room > 0:
+        _rooms(plan, outer, room)
+    else:
+        for x1, y1, x2, y2 in _edges(outer):
+            plan.wall(x1, y1, x2, y2, _niches(plan, math.hypot(x2 - x1, y2 - y1)), 0.8)
+        for x1, y1, x2, y2 in _edges((outer[0] - 0.4, outer[1] - 0.4, outer[2] + 0.4, outer[3] + 0.4)):
+            plan.wall(x1, y1, x2, y2)
+    lap = [(0.0, 0.0), (width, 0.0), (width, h), (0.0, h)]
+    return plan.world([*lap * laps, (0.0, 0.0), (min(4.0, width / 2), 0.0)])
+
+
+def _edges(box: tuple[float, float, float, float]) -> list[tuple[float, float, float, float]]:
+    x0, y0, x1, y1 = box
+    return [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
+
+
+def _niches(plan: _Plan, length: float) -> tuple[float, ...]:
+    """Doorways at irregular distances, so that no two stretches of the corridor look alike."""
+    found, at = [], float(plan.rng.uniform(1.5, 4.0))
+    while at < length - 1.5:
+        found.append(at)
+        at += float(plan.rng.uniform(2.5, 7.0))
+    return tuple(found)
+
+
+def _rooms(plan: _Plan, outer: tuple[float, float, float, float], depth: float) -> None:
+    x0, y0, x1, y1 = outer
+    for (ax, ay, bx, by), (nx, ny) in zip(_edges(outer), ((0, -1), (1, 0), (0, 1), (-1, 0)), strict=True):
+        length = math.hypot(bx - ax, by - ay)
+        ux, uy = (bx - ax) / length, (by - ay) / length
+        cuts, at = [0.0], float(plan.rng.uniform(3.5, 6.0))
+        while at < length - 3.0:
+            cuts.append(at)
+            at += float(plan.rng.uniform(3.5, 7.0))
+        cuts.append(length)
+        doors = tuple(float(plan.rng.uniform(a + 1.0, b - 1.0)) for a, b in zip(cuts, cuts[1:], strict=False))
+        plan.wall(ax, ay, bx, by, doors, 1.0)
+        for cut in cuts:
+            px, py = ax + ux * cut, ay + uy * cut
+            plan.wall(px, py, px + nx * depth, py + ny * depth)
+        for a, b in zip(cuts, cuts[1:], strict=False):
+            corners = [(ax + ux * t + nx * d, ay + uy * t + ny * d) for t in (a, b) for d in (0.0, depth)]
+            xs, ys = [c[0] for c in corners], [c[1] for c in corners]
+            plan.furnish(min(xs), min(ys), max(xs), max(ys), int(plan.rng.integers(1, 4)))
+    plan.wall(x0, y0 - depth, x1, y0 - depth)
+    plan.wall(x1 + depth, y0, x1 + depth, y1)
+    plan.wall(x1, y1 + depth, x0, y1 + depth)
+    plan.wall(x0 - depth, y1, x0 - depth, y0)
+
+
+def office(seed: int) -> World:
+    """40 x 25 m: two rows of rooms along a corridor with a cross passage; the route visits rooms and comes back."""
+    plan = _Plan(np.random.default_rng(seed))
+    width, height, low, high = 40.0, 25.0, 11.0, 13.5
+    for x1, y1, x2, y2 in _edges((0.0, 0.0, width, height)):
+        plan.wall(x1, y1, x2, y2)
+    cuts_low, cuts_high = [0.0, 7.0, 13.0, 21.0, 28.5, 34.0, 40.0], [0.0, 5.5, 12.5, 19.0, 27.0, 33.0, 40.0]
+    rooms = []
+    for y, cuts, (y0, y1) in ((low, cuts_low, (0.0, low)), (high, cuts_high, (high, height))):
+        centres = [(a + b) / 2 for a, b in zip(cuts, cuts[1:], strict=False)]
+        doors = [c + float(plan.rng.uniform(-1.0, 1.0)) for c in centres]
+        plan.wall(0.0, y, width, y, tuple(doors), 1.1)
+        for cut in cuts[1:-1]:
+            plan.wall(cut, y0, cut, y1)
+        for a, b, door in zip(cuts, cuts[1:], doors, strict=False):
+            plan.furnish(a, y0, b, y1, 5)
+            rooms.append((door, (y0 + y1) / 2, y))
+    middle = (low + high) / 2
+    route = [(1.5, middle)]
+    for door, inside, _ in sorted(rooms[:6]):
+        route += [(door, middle), (door, inside), (door, middle)]
+    for door, inside, _ in sorted(rooms[6:], reverse=True):
+        route += [(door, middle), (door, inside), (door, middle)]
+    return plan.world([*route, (1.5, middle), (6.0, middle)])
+
+
+WORLDS = {
+    "office": lambda seed: office(seed),
+    "paper-40x25": lambda seed: office(seed),
+    "paper-60x50": lambda seed: ring(52.0, 42.0, 2.4, 0.0, seed, laps=4),
+    "loop-500m": lambda seed: ring(150.0, 100.0, 2.5, 5.0, seed, laps=1),
+    "loop-2km": lambda seed: ring(600.0, 400.0, 3.0, 5.0, seed, laps=1),
+    "small-loop": lambda seed: ring(12.0, 9.0, 2.0, 4.0, seed, laps=2),
+}
+"""Name -> world of a seed. `paper-*` are the two of Zhang 2016, section 3.2 (their plans are not public)."""
+
+
+def rasterize(world: World, resolution_m: float) -> GridMap:
+    """The true map: cells that a wall crosses are occupied, all others free."""
+    low = np.floor(np.minimum(world.walls[:, :2], world.walls[:, 2:]).min(axis=0) / resolution_m) - 2
+    high = np.ceil(np.maximum(world.walls[:, :2], world.walls[:, 2:]).max(axis=0) / resolution_m) + 2
+    cols, rows = (high - low).astype(int)
+    cells = np.zeros((rows, cols), np.int8)
+    for x1, y1, x2, y2 in world.walls:
+        n = int(math.hypot(x2 - x1, y2 - y1) / resolution_m * 4) + 2
+        t = np.linspace(0.0, 1.0, n)
+        gx = np.floor((x1 + t * (x2 - x1)) / resolution_m - low[0]).astype(int)
+        gy = np.floor((y1 + t * (y2 - y1)) / resolution_m - low[1]).astype(int)
+        cells[gy, gx] = 1
+    return GridMap(cells, resolution_m, Pose2(float(low[0] * resolution_m), float(low[1] * resolution_m), 0.0))

@@ -1,0 +1,265 @@
+"""The command line in real subprocesses: results, exit codes, one line for everything that is wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfcli.events import Odometry, Pose2, Scan
+from pfcli.formats.log_writer import LogWriter
+
+Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+Sample = Callable[[str], Path]
+T0 = 1_700_000_000 * 10**9
+
+
+def _says(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> None:
+    assert done.returncode == code, (done.stdout, done.stderr)
+    assert "Traceback" not in done.stderr
+    for word in words:
+        assert word in done.stderr, done.stderr
+
+
+def _one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> None:
+    _says(done, code, *words)
+    assert done.stderr.count("\n") == 1, done.stderr
+
+
+def _log(path: Path, scans: int = 30, ranges: "np.ndarray | None" = None, step_s: float = 0.2, **change: object) -> Path:
+    """A drive along a room, with one thing changed."""
+    beams = ranges if ranges is not None else np.linspace(1.0, 4.0, 91)
+    with LogWriter(path, "none") as log:
+        for k in range(scans):
+            t = T0 + round(k * step_s * 1e9)
+            if change.get("odometry", True):
+                log.odometry(Odometry(t, 0.1 * k, 0.0, 0.0))
+            if change.get("scan", True):
+                now = beams[: 91 - k] if change.get("shrink") else beams
+                log.scan(Scan(t, np.asarray(now, np.float32), -1.57, 0.035, 0.05, 9.0, Pose2()), "/scan", "base_link")
+    return path
+
+
+# --- what works ------------------------------------------------------------------------------------------------
+
+
+def test_help_is_there_for_every_command(pfcli: Cli) -> None:
+    done = pfcli("--help")
+    assert done.returncode == 0
+    for name in ("slam-gdr", "info", "convert", "simulate", "evaluate", "params"):
+        assert name in done.stdout
+        one = pfcli(name, "--help")
+        assert one.returncode == 0
+        assert "Example:" in one.stdout
+
+
+def test_the_whole_way_from_simulation_to_figures(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    out, plot = tmp_path / "out", tmp_path / "map.png"
+    done = pfcli("slam-gdr", sample("small-loop"), "--out", out, "--end", 40, "--truth", "auto", "--json", "--plot", plot)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["truth"]["ate_m"] < 0.05
+    assert summary["lost"] == {}
+    names = {"track.tum", "track.parquet", "metrics.parquet", "frames.parquet", "map.pgm", "map.yaml", "params.toml", "run.json"}
+    assert {p.name for p in out.iterdir()} == names
+    assert plot.read_bytes()[:4] == b"\x89PNG"
+    judged = pfcli("evaluate", out / "track.tum", "--truth", sample("small-loop"), "--json")
+    assert json.loads(judged.stdout)["truth"]["ate_m"] == pytest.approx(summary["truth"]["ate_m"], abs=1e-5)
+
+
+def test_effective_parameters_reproduce_the_run(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    log, words = sample("small-loop"), ["--end", "15"]
+    assert pfcli("slam-gdr", log, "--out", tmp_path / "a", "--particles", "3", *words).returncode == 0
+    toml = tmp_path / "a" / "params.toml"
+    assert pfcli("slam-gdr", log, "--out", tmp_path / "b", "--params", toml, *words).returncode == 0
+    assert (tmp_path / "a/track.tum").read_bytes() == (tmp_path / "b/track.tum").read_bytes()
+
+
+def test_info_tells_what_can_run(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    found = json.loads(pfcli("info", sample("small-loop"), "--json").stdout)
+    assert found["systems"]["slam-gdr"] == "yes"
+    topics = {t["topic"]: t for t in found["topics"]}
+    assert topics["/scan"]["type"] == "sensor_msgs/msg/LaserScan"
+    assert topics["/scan"]["rate_hz"] == pytest.approx(4.0, abs=0.1)
+    lame = json.loads(pfcli("info", _log(tmp_path / "x.mcap", scan=False), "--json").stdout)
+    assert lame["systems"]["slam-gdr"] == "needs scan"
+
+
+def test_simulate_repeats_byte_for_byte(pfcli: Cli, tmp_path: Path) -> None:
+    scenario = tmp_path / "s.toml"
+    scenario.write_text('world = "small-loop"\nlaser = "coarse-240"\nduration_s = 8.0\npeople = 2\n')
+    for name in ("a", "b"):
+        assert pfcli("simulate", scenario, tmp_path / f"{name}.mcap", "--seed", 5).returncode == 0
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_convert_carries_the_stamp_text_to_the_track(pfcli: Cli, tmp_path: Path) -> None:
+    lines = []
+    for k in range(40):
+        ranges = " ".join(f"{2 + 0.5 * np.sin(b / 9):.2f}" for b in range(180))
+        lines.append(f"FLASER 180 {ranges} {0.1 * k} 0 0 {0.1 * k} 0 0 {100 + k * 0.25:.6f} host {k}")
+    (tmp_path / "x.log").write_text("\n".join(lines))
+    assert pfcli("convert", tmp_path / "x.log", tmp_path / "x.mcap").returncode == 0
+    assert pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "out").returncode == 0
+    (tmp_path / "r").write_text("100.000000 109.750000 3.9 0 0 0 0 0\n")
+    found = json.loads(pfcli("evaluate", tmp_path / "out/track.tum", "--relations", tmp_path / "r", "--json").stdout)
+    assert found["relations"]["all"]["translation_m"]["n"] == 1
+    also = pfcli("evaluate", tmp_path / "out/track.tum", "--relations", tmp_path / "r", "--stamps", tmp_path / "x.mcap", "--json")
+    assert json.loads(also.stdout)["relations"] == found["relations"]
+
+
+def test_a_truncated_log_runs_and_says_so(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    data = sample("small-loop").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 3])
+    done = pfcli("slam-gdr", tmp_path / "cut.mcap", "--out", tmp_path / "out")
+    _says(done, 3, "cut.mcap", "part of the input was lost")
+    assert json.loads((tmp_path / "out/run.json").read_text())["scans"] > 150
+
+
+# --- what is wrong ---------------------------------------------------------------------------------------------
+
+BAD: dict[str, tuple[dict[str, object], list[str], int, list[str]]] = {
+    "no scans": ({"scan": False}, [], 2, ["x.mcap", "laser scans", "--topic scan=TOPIC"]),
+    "scans without odometry": ({"odometry": False}, [], 2, ["x.mcap", "odometry", "--topic odometry=TOPIC"]),
+    "no usable range": ({"ranges": np.full(91, np.nan)}, [], 1, ["usable beam"]),
+    "negative ranges": ({"ranges": np.full(91, -1.0)}, [], 1, ["usable beam"]),
+    "empty scans": ({"ranges": np.empty(0)}, [], 1, ["without beams"]),
+    "unknown topic": ({}, ["--topic", "scan=/nope"], 2, ["/nope", "/scan"]),
+    "unknown role": ({}, ["--topic", "sonar=/x"], 2, ["--topic"]),
+    "out of range": ({}, ["--particles", "0"], 2, ["particles", "1 .."]),
+    "contradicting window": ({}, ["--start", "5", "--end", "2"], 2, ["--end"]),
+    "window after the log": ({}, ["--start", "500"], 1, ["x.mcap"]),
+    "bad extrinsic": ({}, ["--extrinsic", "laser=1"], 2, ["--extrinsic", "parent:child"]),
+    "bad offset": ({}, ["--time-offset", "scan=soon"], 2, ["--time-offset"]),
+    "no truth": ({}, ["--truth", "auto"], 2, ["--truth"]),
+    "bad plot": ({}, ["--plot", "map.bmp"], 2, ["--plot"]),
+    "encoders absent": ({}, ["--motion", "encoders"], 2, ["wheel encoders"]),
+}
+
+
+@pytest.mark.parametrize("name", sorted(BAD))
+def test_bad_input_is_one_line_and_leaves_nothing(name: str, pfcli: Cli, tmp_path: Path) -> None:
+    change, words, code, says = BAD[name]
+    log = _log(tmp_path / "x.mcap", **change)  # type: ignore[arg-type]
+    _one_line(pfcli("slam-gdr", log, "--out", tmp_path / "out", *words, cwd=tmp_path), code, *says)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["x.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [("particles = 5\nspeed = 3\n", "unknown parameter 'speed'"), ("particles = 'many'\n", "particles"), ("particles = \n", "not TOML")],
+)
+def test_bad_toml_is_named(text: str, says: str, pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text(text)
+    _one_line(pfcli("slam-gdr", sample("small-loop"), "--out", tmp_path / "o", "--params", tmp_path / "p.toml"), 2, "p.toml", says)
+
+
+def test_files_that_are_no_logs(pfcli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    (tmp_path / "text.mcap").write_text("hello")
+    for path, says in ((tmp_path / "empty.mcap", "empty"), (tmp_path / "text.mcap", "not an MCAP"), (tmp_path, "folder"), (tmp_path / "gone", "No such file")):
+        _one_line(pfcli("slam-gdr", path, "--out", tmp_path / "o"), 1, says)
+        _one_line(pfcli("info", path), 1, says)
+
+
+def test_two_scan_topics_ask_for_a_choice(pfcli: Cli, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.odometry(Odometry(T0, 0, 0, 0))
+        for topic in ("/front", "/rear"):
+            log.scan(Scan(T0, np.ones(5, np.float32), 0, 0.1, 0, 9, Pose2()), topic, "base_link")
+    _one_line(pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "o"), 2, "/front", "/rear", "--topic scan=TOPIC")
+
+
+def test_an_unknown_frame_says_the_way_out(pfcli: Cli, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.odometry(Odometry(T0, 0, 0, 0))
+        log.scan(Scan(T0, np.ones(5, np.float32), 0, 0.1, 0, 9, Pose2()), "/scan", "velodyne")
+    _one_line(pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "o"), 1, "frame_id", "--extrinsic base_link:velodyne=x,y,yaw")
+
+
+def test_a_changing_beam_count_and_a_pause_are_noted_and_survived(pfcli: Cli, tmp_path: Path) -> None:
+    _says(pfcli("slam-gdr", _log(tmp_path / "x.mcap", shrink=True), "--out", tmp_path / "a"), 0)
+    assert json.loads((tmp_path / "a/run.json").read_text())["read"]["scans with another beam count"] == 29
+    _says(pfcli("slam-gdr", _log(tmp_path / "y.mcap", step_s=200.0), "--out", tmp_path / "b"), 0)
+    assert json.loads((tmp_path / "b/run.json").read_text())["read"]["gaps of more than a minute"] == 29
+
+
+def test_time_that_goes_back_is_counted(pfcli: Cli, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "x.mcap") as log:
+        for k in [*range(10, 60), *range(5), *range(60, 70)]:
+            t = T0 + k * 10**9
+            log.odometry(Odometry(t, 0.1 * k, 0.0, 0.0))
+            log.scan(Scan(t, np.linspace(1, 4, 91).astype(np.float32), -1.5, 0.03, 0, 9, Pose2()), "/scan", "base_link")
+    done = pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "o", "--reorder", "1")
+    _says(done, 3, "time goes back", "--reorder")
+
+
+def test_an_output_that_is_not_empty_is_refused_before_any_work(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    (tmp_path / "o").mkdir()
+    (tmp_path / "o/mine.txt").write_text("keep")
+    _one_line(pfcli("slam-gdr", sample("small-loop"), "--out", tmp_path / "o"), 1, "not empty", "--force")
+    assert (tmp_path / "o/mine.txt").read_text() == "keep"
+    (tmp_path / "file").write_text("")
+    _one_line(pfcli("slam-gdr", sample("small-loop"), "--out", tmp_path / "file"), 1, "not a folder")
+    _one_line(pfcli("slam-gdr", sample("small-loop"), "--out", "/proc/pfcli/out"), 1, "/proc")
+
+
+FULL = """
+import errno
+from pathlib import Path
+from pfcli.formats import tum
+def full(*words):
+    raise OSError(errno.ENOSPC, "No space left on device")
+tum.write = full
+from pfcli.cli import run
+run()
+"""
+
+
+def test_a_full_disk_leaves_nothing_behind(sample: Sample, tmp_path: Path) -> None:
+    words = [sys.executable, "-c", FULL, "slam-gdr", str(sample("small-loop")), "--end", "10", "--out", str(tmp_path / "o")]
+    _one_line(subprocess.run(words, capture_output=True, text=True, check=False), 1, "No space left on device", "nothing was kept")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_leaves_nothing(how: signal.Signals, sample: Sample, tmp_path: Path) -> None:
+    words = [sys.executable, "-c", "from pfcli.cli import run; run()", "slam-gdr", str(sample("small-loop")), "--particles", "300"]
+    process = subprocess.Popen([*words, "--out", str(tmp_path / "o"), "--progress", "json"], stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    process.stderr.readline()
+    time.sleep(0.2)
+    os.kill(process.pid, how)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "interrupted" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_is_quick(pfcli: Cli) -> None:
+    """Heavy imports stay inside the commands: compared with a bare interpreter, measured in the same run."""
+
+    def best(*words: str) -> float:
+        times = []
+        for _ in range(5):
+            began = time.perf_counter()
+            subprocess.run(words, capture_output=True, check=True)
+            times.append(time.perf_counter() - began)
+        return min(times)
+
+    bare = best(sys.executable, "-c", "import click")
+    assert best(sys.executable, "-c", "from pfcli.cli import run; run()", "--help") < bare + 0.1
+
+
+def test_pipes_carry_json_only(sample: Sample) -> None:
+    words = f"{sys.executable} -c 'from pfcli.cli import run; run()' info --json {sample('small-loop')} | {sys.executable} -c 'import json, sys; print(json.load(sys.stdin)[\"messages\"])'"
+    done = subprocess.run(["sh", "-c", words], capture_output=True, text=True, check=True)
+    assert int(done.stdout) > 1000
+
+

@@ -1,0 +1,141 @@
+"""The matcher against exact scenes and a slow oracle."""
+
+import numpy as np
+import pytest
+
+from pfcli.core.geometry import compose
+from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid.scan_points import beams_of, points_of
+from pfcli.simulate.laser import cast
+
+WALLS = np.array(
+    [
+        [0, 0, 8, 0], [8, 0, 8, 5], [8, 5, 0, 5], [0, 5, 0, 0],
+        [3, 0, 3, 1.5], [5, 5, 5, 3.5], [6, 2, 6.8, 2.6], [1.2, 3.4, 2.0, 3.9],
+    ],
+    float,
+)  # fmt: skip
+ANGLES = np.radians(np.linspace(-135, 135, 271))
+
+
+def _scan(pose: np.ndarray, rng: np.random.Generator, noise: float = 0.005) -> np.ndarray:
+    out = np.empty(ANGLES.size)
+    cast(pose[0], pose[1], ANGLES + pose[2], WALLS, np.zeros((0, 3)), 30.0, out)
+    return out + noise * rng.standard_normal(out.size)
+
+
+def _points(ranges: np.ndarray) -> np.ndarray:
+    step = ANGLES[1] - ANGLES[0]
+    return points_of(ranges, (ANGLES[0], step), (0.0, 29.0), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
+
+
+@pytest.fixture(scope="module")
+def room() -> tiles.Tiles:
+    rng = np.random.default_rng(0)
+    maps = tiles.cover(tiles.empty(1, 0.05), np.array([-3.0, -3.0]), np.array([11.0, 8.0]))
+    for x, y, yaw in ((2, 2, 0.0), (2.2, 2.1, 0.4), (4, 3, 1.0), (4.2, 2.5, 2.6), (6.5, 3.6, -2.0), (7, 1, -0.7), (1, 1, 1.5)):
+        pose = np.array([[x, y, yaw]])
+        beams = beams_of(_points(_scan(pose[0], rng)), (0.0, 0.0, 0.0))
+        maps = tiles.own(maps, tiles.touch(maps, pose, beams))
+        tiles.insert(maps, pose, beams)
+    return maps
+
+
+def _match(room: tiles.Tiles, prior: np.ndarray, points: np.ndarray, sd: tuple[float, float]) -> scan_match.Match:
+    information = np.diag([sd[0] ** -2, sd[0] ** -2, sd[1] ** -2])
+    window = scan_match.Window(0.3, 0.35, 0.15, 0.035, 0.12)
+    correction, better = scan_match.coarse(room, 0, prior, points[::5].copy(), window)
+    offered = correction if better > 0.005 else np.zeros(3)
+    return scan_match.match(room, prior[None], information, offered[None], points, scan_match.Matcher())
+
+
+def test_a_match_is_sub_cell_accurate(room: tiles.Tiles) -> None:
+    rng = np.random.default_rng(1)
+    errors = []
+    for _ in range(30):
+        true = np.array([rng.uniform(3.2, 4.8), rng.uniform(1.8, 3.2), rng.uniform(-3, 3)])
+        prior = true + rng.normal(0, [0.05, 0.05, 0.05])
+        found = _match(room, prior, _points(_scan(true, rng)).ends, (0.1, 0.1)).pose[0]
+        errors.append(np.abs(found - true))
+    assert np.median(errors, axis=0)[:2].max() < 0.01  # a fifth of a cell
+    assert np.median(errors, axis=0)[2] < np.radians(0.25)
+
+
+def test_a_slip_of_0_3_m_and_15_degrees_is_recovered(room: tiles.Tiles) -> None:
+    rng = np.random.default_rng(2)
+    good = 0
+    for k in range(40):
+        true = np.array([rng.uniform(3.2, 4.8), rng.uniform(1.8, 3.2), rng.uniform(-3, 3)])
+        away = 2 * np.pi * k / 40
+        slip = np.array([[0.3 * np.cos(away), 0.3 * np.sin(away), np.radians(15) * (-1) ** k]])
+        prior = compose(true[None], slip)[0]
+        found = _match(room, prior, _points(_scan(true, rng)).ends, (0.05, 0.03)).pose[0]
+        good += np.hypot(*(found - true)[:2]) < 0.03 and abs(found[2] - true[2]) < np.radians(1)
+    assert good >= 38
+
+
+def test_along_a_corridor_the_odometry_decides() -> None:
+    """Two parallel walls say nothing about the way along them: the prior must not be given up for noise."""
+    walls = np.array([[-20, -1, 20, -1], [-20, 1, 20, 1]], float)
+    rng = np.random.default_rng(3)
+    ranges = np.empty(ANGLES.size)
+    maps = tiles.cover(tiles.empty(1, 0.05), np.array([-30.0, -5]), np.array([30.0, 5]))
+    for x in np.arange(-4, 4, 0.37):
+        cast(x, 0.0, ANGLES, walls, np.zeros((0, 3)), 6.0, ranges)
+        points = points_of(ranges, (ANGLES[0], ANGLES[1] - ANGLES[0]), (0.0, 5.9), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
+        beams, pose = beams_of(points, (0.0, 0.0, 0.0)), np.array([[x, 0.0, 0.0]])
+        maps = tiles.own(maps, tiles.touch(maps, pose, beams))
+        tiles.insert(maps, pose, beams)
+    cast(0.11, 0.02, ANGLES, walls, np.zeros((0, 3)), 6.0, ranges)
+    noisy = ranges + 0.005 * rng.standard_normal(ranges.size)
+    points = points_of(noisy, (ANGLES[0], ANGLES[1] - ANGLES[0]), (0.0, 5.9), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
+    prior = np.array([0.11, 0.0, 0.01])
+    m = scan_match.match(
+        maps, prior[None], np.diag([1 / 0.02**2, 1 / 0.02**2, 1 / 0.02**2]), np.zeros((1, 3)), points.ends, scan_match.Matcher()
+    )
+    assert m.pose[0] == pytest.approx([0.11, 0.02, 0.0], abs=0.012)
+    covariance = np.linalg.inv(m.information[0])
+    assert covariance[0, 0] > 4 * covariance[1, 1]
+
+
+def test_normals_are_across_the_walls() -> None:
+    ranges = _scan(np.array([4.0, 2.5, 0.0]), np.random.default_rng(0), 0.0)
+    points = _points(ranges).ends
+    normals = scan_match.surface_normals(points, 0.15, 0.1)
+    on_wall = np.abs(points[:, 1] + 2.5) < 1e-6
+    assert normals[on_wall][:, 2].mean() > 0.9
+    clear = on_wall & (normals[:, 2] > 0) & (np.abs(points[:, 0]) > 0.3)
+    away = clear & (np.abs(points[:, 0] + 1.0) > 0.3) & (np.abs(points[:, 0]) < 3.5)
+    assert np.abs(normals[away][:, 1]).min() > 0.99
+
+
+def test_log_likelihood_equals_its_five_line_definition(room: tiles.Tiles) -> None:
+    m = scan_match.Matcher()
+    rng = np.random.default_rng(4)
+    pose = np.array([4.1, 2.4, 0.3])
+    points = _points(_scan(pose, rng)).ends
+    normals = scan_match.surface_normals(points, 0.15, 0.1)
+    total = 0.0
+    for (px, py), (nx, ny, line) in zip(points, normals, strict=True):
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        w = pose[:2] + (c * px - s * py, s * px + c * py)
+        g = w / 0.05 - room.corner * tiles.SIDE
+        state, mx, my = tiles.nearest_surface(room, 0, g[0], g[1])
+        if state < 2:
+            total += np.log(m.z_unknown if state == 0 else m.z_rand)
+            continue
+        e = (np.array([mx, my]) + room.corner * tiles.SIDE) * 0.05 - w
+        n = np.array([c * nx - s * ny, s * nx + c * ny]) if line else np.array([1.0, 0.0])
+        along = m.tangent if line else 1.0
+        r2 = (n @ e) ** 2 + along * (n[0] * e[1] - n[1] * e[0]) ** 2
+        total += np.log((1 - m.z_rand) * np.exp(-0.5 * r2 / m.sigma_m**2) + m.z_rand)
+    assert scan_match.log_likelihood(room, 0, pose, points, normals, m.sigma_m, m, 1) == pytest.approx(m.gain * total)
+
+
+def test_a_scan_on_unknown_map_keeps_the_odometry() -> None:
+    maps = tiles.cover(tiles.empty(2, 0.05), np.array([-9.0, -9.0]), np.array([9.0, 9.0]))
+    prior = np.array([[0.5, 0.1, 0.2], [0.0, 0.0, 0.0]])
+    points = _points(np.full(ANGLES.size, 3.0)).ends
+    m = scan_match.match(maps, prior, np.eye(3) * 100, np.zeros((2, 3)), points, scan_match.Matcher())
+    assert m.pose == pytest.approx(prior)
+    assert (m.inliers == -1).all()

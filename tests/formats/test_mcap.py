@@ -1,0 +1,302 @@
+"""Reading and writing logs: every message, odd files, damaged files."""
+
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from pfcli.errors import LogError, UsageError
+from pfcli.events import Odometry, Pose2, Scan
+from pfcli.formats.log_writer import LogWriter, header
+from pfcli.formats.messages import ROLES, SECOND
+from pfcli.formats.schemas import json_schema, ros2msg, ros_types, typestore
+from pfcli.replay import Log, Settings
+
+T0 = 1_700_000_000 * SECOND
+
+
+def _default(kind: Any, depth: int = 0) -> Any:
+    """A value of a ROS field type: arrays get one element, strings a word."""
+    node, detail = kind
+    name = node.name
+    if name == "BASE":
+        return {"string": "word", "bool": True}.get(detail[0], 1.5 if detail[0].startswith("float") else 1)
+    if name == "NAME":
+        return _message(detail, depth + 1)
+    element, length = detail
+    value = _default(element, depth)
+    count = length if name == "ARRAY" else 1
+    if element[0].name == "BASE" and element[1][0] != "string":
+        dtype = {"octet": "uint8", "char": "uint8"}.get(element[1][0], element[1][0])
+        return np.full(count, value, dtype)
+    return [value] * count
+
+
+def _message(schema: str, depth: int = 0) -> Any:
+    fields = typestore().fielddefs[schema][1]
+    return typestore().types[schema](*[_default(kind, depth) for _, kind in fields])
+
+
+JSON = {
+    "pfcli.Odometry": {"x_m": 1.0, "y_m": 2.0, "yaw_rad": 0.5},
+    "pfcli.Twist": {"vx_mps": 1.0, "yaw_rate_radps": 0.1},
+    "pfcli.WheelEncoders": {"names": ["l", "r"], "ticks": [3, 4], "ticks_per_turn": 2000},
+    "pfcli.Heading": {"yaw_rad": 1.0, "sigma_rad": 0.1},
+    "pfcli.Range": {"range_m": None, "range_max_m": 4.0},
+    "pfcli.LaserScan": {"ranges_m": [1.0, None], "angle_min_rad": 0.0, "angle_increment_rad": 0.1, "range_max_m": 9.0},
+    "pfcli.LinePoints": {"points_m": [[1.0, 2.0]]},
+    "pfcli.Landmarks": {"landmarks": [{"id": "7", "range_m": 2.0, "bearing_rad": 0.1}]},
+    "pfcli.Pose2D": {"x_m": 1.0, "y_m": 2.0, "yaw_rad": 0.5},
+}
+
+CASES = [(role, schema) for role, types in ROLES.items() for schema in types]
+
+
+@pytest.mark.parametrize(("role", "schema"), CASES)
+def test_one_message_of_each_type_goes_through_write_and_read(role: str, schema: str, tmp_path: Path) -> None:
+    path, topic = tmp_path / "x.mcap", "/source_stamp" if role == "source_stamp" else f"/the_{role}"
+    with LogWriter(path) as log:
+        if schema.startswith("pfcli."):
+            log.json(topic, schema, T0, **JSON[schema])
+        else:
+            message = _message(schema)
+            if hasattr(message, "header"):
+                message = typestore().types[schema](header(T0, "base_link"), *[getattr(message, f) for f, _ in typestore().fielddefs[schema][1][1:]])
+            if hasattr(message, "orientation"):
+                message.orientation_covariance[:] = 0.01
+            log.message(topic, schema, T0, message)
+    (event,) = Log(path, Settings(topics={role: topic})).events([role])
+    assert type(event) is ROLES[role][schema]
+    assert event.stamp_ns == T0
+
+
+@pytest.mark.parametrize("name", sorted(JSON))
+def test_json_schemas_describe_what_is_read(name: str) -> None:
+    schema = json.loads(json_schema(name))
+    assert set(schema["required"]) <= {"stamp_ns", *JSON[name]}
+    assert set(JSON[name]) <= set(schema["properties"])
+
+
+def test_every_ros_definition_parses_and_names_itself() -> None:
+    for name in ros_types():
+        assert name in typestore().types
+        assert ros2msg(name).strip()
+
+
+# --- odd but valid files -------------------------------------------------------------------------------------
+
+
+def _odometry(k: int) -> bytes:
+    body = struct.pack("<iI", T0 // SECOND + k // 10, k % 10 * 100_000_000)
+    body += struct.pack("<I", 5) + b"odom\0" + bytes(3) + struct.pack("<I", 10) + b"base_link\0"
+    body += bytes(-len(body) % 8)
+    return b"\x00\x01\x00\x00" + body + struct.pack("<85d", 0.1 * k, 0, 0, 0, 0, 0, 1, *[0] * 78)
+
+
+def _write(path: Path, order: list[int], **options: Any) -> None:
+    with open(path, "wb") as file:
+        writer = Writer(file, **options)
+        writer.start()
+        schema = writer.register_schema("nav_msgs/msg/Odometry", "ros2msg", ros2msg("nav_msgs/msg/Odometry").encode())
+        channel = writer.register_channel("/odom", "cdr", schema)
+        for k in order:
+            stamp = T0 + k * 100_000_000
+            writer.add_message(channel, stamp, _odometry(k), stamp, k)
+        writer.finish()
+
+
+def _xs(path: Path, **settings: Any) -> list[float]:
+    return [round(e.x_m * 10) for e in Log(path, Settings(**settings)).events(["odometry"])]  # type: ignore[union-attr]
+
+
+ODD: dict[str, dict[str, Any]] = {
+    "zstd": {"compression": CompressionType.ZSTD, "chunk_size": 20_000},
+    "lz4": {"compression": CompressionType.LZ4, "chunk_size": 20_000},
+    "uncompressed": {"compression": CompressionType.NONE, "chunk_size": 20_000},
+    "unchunked": {"use_chunking": False},
+    "no summary": {"use_summary_offsets": False, "use_statistics": False, "repeat_channels": False, "repeat_schemas": False},
+    "no index": {"index_types": 0, "chunk_size": 20_000},
+}
+
+
+@pytest.mark.parametrize("kind", sorted(ODD))
+def test_odd_but_valid_files_give_the_same_events(kind: str, tmp_path: Path) -> None:
+    options = dict(ODD[kind])
+    if "index_types" in options:
+        from mcap.writer import IndexType
+
+        options["index_types"] = IndexType.NONE
+    _write(tmp_path / "x.mcap", list(range(300)), **options)
+    assert _xs(tmp_path / "x.mcap") == list(range(300))
+
+
+def test_messages_out_of_order_are_sorted_within_the_buffer(tmp_path: Path) -> None:
+    order = [*range(0, 50), *range(60, 70), *range(50, 60), *range(70, 100)]
+    _write(tmp_path / "x.mcap", order, chunk_size=3000)
+    assert _xs(tmp_path / "x.mcap") == list(range(100))
+
+
+def test_what_comes_too_late_is_counted(tmp_path: Path) -> None:
+    _write(tmp_path / "x.mcap", [*range(5, 100), *range(5)], chunk_size=3000)
+    log = Log(tmp_path / "x.mcap")
+    assert len(list(log.events(["odometry"]))) == 95
+    assert log.loss.counts["late"] == 5
+    _write(tmp_path / "y.mcap", [*range(5, 100), *range(5)], use_chunking=False)  # the same, whatever the chunks
+    assert len(_xs(tmp_path / "y.mcap")) == 95
+    assert "time goes back" in log.loss.notes[0]
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4", "uncompressed", "unchunked"])
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.97])
+def test_a_cut_log_gives_everything_before_the_cut(kind: str, share: float, tmp_path: Path) -> None:
+    _write(tmp_path / "whole.mcap", list(range(300)), **ODD[kind])
+    data = (tmp_path / "whole.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: int(share * len(data))])
+    log = Log(cut)
+    xs = [round(e.x_m * 10) for e in log.events(["odometry"])]  # type: ignore[union-attr]
+    assert xs == list(range(len(xs)))
+    assert log.loss.counts["damaged"] == 1 or len(xs) == 300
+    if kind in ("uncompressed", "unchunked"):
+        assert len(xs) >= int(0.9 * share * 300) - 3
+    elif share >= 0.5:  # compressed: whole chunks before the cut, and what their decompressor gives of the last
+        assert len(xs) >= 50
+
+
+def test_a_damaged_chunk_costs_only_itself(tmp_path: Path) -> None:
+    _write(tmp_path / "x.mcap", list(range(300)), compression=CompressionType.ZSTD, chunk_size=20_000)
+    data = bytearray((tmp_path / "x.mcap").read_bytes())
+    starts = [k for k in range(len(data) - 4) if data[k : k + 4] == b"\x28\xb5\x2f\xfd"]
+    data[starts[2] + 6 : starts[2] + 30] = bytes(24)
+    (tmp_path / "x.mcap").write_bytes(data)
+    log = Log(tmp_path / "x.mcap")
+    xs = [round(e.x_m * 10) for e in log.events(["odometry"])]  # type: ignore[union-attr]
+    assert 200 < len(xs) < 300
+    assert xs[0] == 0
+    assert xs[-1] == 299
+    assert log.loss.counts["damaged"] == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "is empty"), (b"hello, this is text", "not an MCAP file"), (b"\x89MCAP0\r\n", "no such topic|holds no|has none")],
+)
+def test_what_is_no_log_is_refused_in_one_line(content: bytes, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    with pytest.raises((LogError, UsageError), match=says):
+        list(Log(path, Settings(topics={"odometry": "/odom"})).events(["odometry"]))
+    with pytest.raises(LogError, match="folder"):
+        Log(tmp_path)
+
+
+def test_the_clock_and_the_window_can_be_chosen(tmp_path: Path) -> None:
+    _write(tmp_path / "x.mcap", list(range(100)))
+    assert _xs(tmp_path / "x.mcap", start_s=2.0, end_s=3.0) == list(range(20, 31))
+    assert _xs(tmp_path / "x.mcap", clock="log") == list(range(100))
+
+
+# --- extrinsics and topics -----------------------------------------------------------------------------------
+
+
+def _scan_log(path: Path, frame: str = "laser", tf: bool = True, topics: tuple[str, ...] = ("/scan",)) -> None:
+    with LogWriter(path) as log:
+        if tf:
+            log.tf_static(T0, [("base_link", "deck", Pose2(0.2, 0.0, 0.1)), ("deck", "laser", Pose2(0.1, 0.0, 0.0))])
+        for topic in topics:
+            log.scan(Scan(T0, np.ones(3, np.float32), 0.0, 0.1, 0.0, 9.0, Pose2()), topic, frame)
+        log.odometry(Odometry(T0, 0.0, 0.0, 0.0))
+
+
+def test_mounts_come_through_a_chain_of_transforms(tmp_path: Path) -> None:
+    _scan_log(tmp_path / "x.mcap")
+    (scan,) = Log(tmp_path / "x.mcap").events(["scan"])
+    assert scan.mount == pytest.approx((0.2 + 0.1 * np.cos(0.1), 0.1 * np.sin(0.1), 0.1))  # type: ignore[union-attr]
+
+
+def test_an_unknown_frame_names_the_flag(tmp_path: Path) -> None:
+    _scan_log(tmp_path / "x.mcap", tf=False)
+    with pytest.raises(LogError, match="--extrinsic base_link:laser="):
+        list(Log(tmp_path / "x.mcap").events(["scan"]))
+    settings = Settings(extrinsics=["base_link:laser=0.3,0,1.5"])
+    (scan,) = Log(tmp_path / "x.mcap", settings).events(["scan"])
+    assert scan.mount == pytest.approx((0.3, 0, 1.5))  # type: ignore[union-attr]
+
+
+def test_two_scan_topics_need_a_choice(tmp_path: Path) -> None:
+    _scan_log(tmp_path / "x.mcap", topics=("/front", "/rear"))
+    with pytest.raises(UsageError, match="--topic scan=TOPIC"):
+        list(Log(tmp_path / "x.mcap").events(["scan"]))
+    (scan,) = Log(tmp_path / "x.mcap", Settings(topics={"scan": "/rear"})).events(["scan"])
+    assert isinstance(scan, Scan)
+
+
+def test_odometry_can_come_from_tf(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.tf(T0, [("odom", "base_link", Pose2(1.0, 2.0, 0.3)), ("map", "odom", Pose2(9.0, 9.0, 0.0))])
+    (event,) = Log(tmp_path / "x.mcap", Settings(topics={"odometry": "/tf:odom.base_link"})).events(["odometry"])
+    assert event == pytest.approx(Odometry(T0, 1.0, 2.0, 0.3), nan_ok=True)
+
+
+def test_memory_is_bounded_by_the_reorder_horizon(tmp_path: Path) -> None:
+    """Buffers of released messages are dropped while the log is read."""
+    from pfcli.replay import _Merge
+
+    _write(tmp_path / "x.mcap", list(range(3000)), chunk_size=5000)
+    log = Log(tmp_path / "x.mcap")
+    merge = _Merge(log, log._sources("odometry"), log._extrinsics)
+    most = 0
+    for _ in merge.events():
+        most = max(most, len(merge._buffers))
+    assert most <= 12
+
+
+def test_rosbags_and_the_fixed_offset_decoders_agree(tmp_path: Path) -> None:
+    from pfcli.formats.messages import decoder
+
+    ranges = np.linspace(0.5, 3, 17).astype(np.float32)
+    with LogWriter(tmp_path / "x.mcap") as log:
+        log.scan(Scan(T0, ranges, -1.0, 0.01, 0.1, 8.0, Pose2()), frame="base_link")
+        log.odometry(Odometry(T0, 1.25, -2.5, 0.75, 0.5, 0.0, 0.1))
+    for role, schema in (("scan", "sensor_msgs/msg/LaserScan"), ("odometry", "nav_msgs/msg/Odometry")):
+        for batch in Log(tmp_path / "x.mcap")._file.batches():
+            for k in range(batch.offset.size):
+                payload = bytes(batch.data[batch.offset[k] : batch.offset[k] + batch.length[k]])
+                try:
+                    oracle = typestore().deserialize_cdr(payload, schema)
+                except Exception:
+                    continue
+                if role == "scan" and len(oracle.ranges) == 17:
+                    event, frame = decoder(role, schema)(payload, 0, len(payload), T0)
+                    assert frame == oracle.header.frame_id
+                    assert (event.ranges_m == oracle.ranges).all()  # type: ignore[union-attr]
+                    assert event.range_max_m == oracle.range_max  # type: ignore[union-attr]
+                elif role == "odometry" and oracle.child_frame_id == "base_link":
+                    event, _ = decoder(role, schema)(payload, 0, len(payload), T0)
+                    assert event[1:4] == pytest.approx((1.25, -2.5, 0.75))
+                    assert oracle.pose.pose.position.x == event.x_m  # type: ignore[union-attr]
+
+
+def _flips(data: bytes, count: int) -> Iterator[bytes]:
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        flipped = bytearray(data)
+        flipped[rng.integers(8, len(data))] ^= 1 << int(rng.integers(8))
+        yield bytes(flipped)
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4", "uncompressed"])
+def test_flipped_bits_never_end_in_a_traceback(kind: str, tmp_path: Path) -> None:
+    _write(tmp_path / "x.mcap", list(range(120)), **ODD[kind])
+    data = (tmp_path / "x.mcap").read_bytes()
+    for flipped in _flips(data, 60):
+        (tmp_path / "y.mcap").write_bytes(flipped)
+        try:
+            list(Log(tmp_path / "y.mcap", Settings(topics={"odometry": "/odom"})).events(["odometry"]))
+        except (LogError, UsageError):
+            pass
