@@ -29,6 +29,7 @@ class Field(NamedTuple):
 
     @property
     def flag(self) -> str:
+        """The command-line flag."""
         return "--" + self.name.replace("_", "-")
 
     def check(self, value: object, where: str) -> Any:

@@ -40,6 +40,9 @@ class Settings(NamedTuple):
     extrinsics: Sequence[str] = ()
 
 
+DEFAULTS = Settings()
+
+
 class Loss:
     """What a replay had to leave out: counts by reason, and the sentences that say where."""
 
@@ -49,6 +52,7 @@ class Loss:
         self.read: Counter[str] = Counter()
 
     def add(self, why: str, note: str) -> None:
+        """Count one loss; its first note of a kind is kept."""
         self.counts[why] += 1
         if self.counts[why] == 1:
             self.notes.append(note)
@@ -60,7 +64,7 @@ class Loss:
 class Log:
     """An opened log: its channels are known, its events can be replayed any number of times."""
 
-    def __init__(self, path: Path, settings: Settings = Settings()) -> None:
+    def __init__(self, path: Path, settings: Settings = DEFAULTS) -> None:
         self.path = path
         self.settings = settings
         self.loss = Loss()
@@ -70,6 +74,7 @@ class Log:
 
     @property
     def channels(self) -> list[Channel]:
+        """The channels that the file declares."""
         return list(self._file.channels.values())
 
     def topics(self) -> dict[str, str]:
@@ -343,7 +348,7 @@ class _Merge:
         return event
 
 
-def events(paths: Sequence[Path], roles: Sequence[str], settings: Settings = Settings()) -> Iterator[Event]:
+def events(paths: Sequence[Path], roles: Sequence[str], settings: Settings = DEFAULTS) -> Iterator[Event]:
     """Events of several logs, one after the other (parts of one recording, as rosbag2 splits them)."""
     last = -(1 << 62)
     for path in paths:

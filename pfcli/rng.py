@@ -33,6 +33,7 @@ class Draw:
         self._counts: dict[Purpose, int] = {}
 
     def __call__(self, purpose: Purpose, stamp_ns: int) -> np.random.Generator:
+        """Generator of the next draw for this purpose at this stamp."""
         if stamp_ns != self._stamp_ns:
             self._stamp_ns = stamp_ns
             self._counts.clear()

@@ -157,7 +157,11 @@ def _with_data(sweeps: Iterator[Sweep], loss: Loss) -> Iterator[Sweep]:
 def _nothing_ran(scans: int, loss: Loss) -> str:
     if loss.notes:
         return f"no scan could be used: {loss.notes[0]}"
-    return "no scan lies between --start and --end" if scans == 0 else "none of its scans has a usable beam (see --max-range-m)"
+    return (
+        "no scan lies between --start and --end"
+        if scans == 0
+        else "none of its scans has a usable beam (see --max-range-m)"
+    )
 
 
 def _errors(job: Job, result: Result, truth: list[Truth]) -> Errors | None:

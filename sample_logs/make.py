@@ -32,7 +32,9 @@ def samples() -> dict[str, dict[str, Any]]:
 def make(folder: Path) -> None:
     """Write every sample log and its true map."""
     for name, row in samples().items():
-        pfcli("simulate", row["simulate"][0], str(folder / f"{name}.mcap"), *row["simulate"][1:], "--true-map", "--force")
+        pfcli(
+            "simulate", row["simulate"][0], str(folder / f"{name}.mcap"), *row["simulate"][1:], "--true-map", "--force"
+        )
 
 
 def figures() -> dict[str, dict[str, float]]:

@@ -105,4 +105,6 @@ def test_wheels_that_cannot_be_told_apart_are_asked_for() -> None:
     with pytest.raises(UsageError, match="--wheel-radius-m"):
         DeadReckoning("encoders", Drive())(Ticks(0, ("left", "right"), np.zeros(2, np.int64), 100.0, True))
     with pytest.raises(UsageError, match="no joint 'x'"):
-        DeadReckoning("encoders", DRIVE._replace(joints=("x", "y")))(Ticks(0, ("a", "b"), np.zeros(2, np.int64), 9.0, True))
+        DeadReckoning("encoders", DRIVE._replace(joints=("x", "y")))(
+            Ticks(0, ("a", "b"), np.zeros(2, np.int64), 9.0, True)
+        )

@@ -1,7 +1,9 @@
 """`pfcli convert IN OUT`."""
 
+import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -46,7 +48,7 @@ def convert(
     if not source.exists():
         raise LogError(f"{source}: no such file")
     if source.suffix in (".bag", ".db3") or source.is_dir():
-        counts = rosbag.convert(source, target, compression)
+        counts: dict[str, Any] = rosbag.convert(source, target, compression)
         emit(
             counts, [f"{target}: {counts['messages']} messages, {counts['skipped']} of unknown types left out"], as_json
         )
@@ -62,14 +64,14 @@ def convert(
     return lost({"unreadable line": found["unreadable_lines"]} if found["unreadable_lines"] else {}, [])
 
 
-def _carmen(source: Path, target: Path, range_max: float | None, repair: bool, compression: str) -> dict[str, object]:
+def _carmen(source: Path, target: Path, range_max: float | None, repair: bool, compression: str) -> dict[str, Any]:
     from pfcli.events import Pose2
     from pfcli.formats import carmen
     from pfcli.formats.log_writer import LogWriter
 
     records, broken = carmen.read(source)
     stamps, repaired = carmen.stamps_ns([r.stamp for r in records], repair=repair)
-    backward = sum(b < a for a, b in zip(stamps, stamps[1:], strict=False))
+    backward = sum(b < a for a, b in itertools.pairwise(stamps))
     top = range_max or carmen.usable_range_m(records)
     mounts = {r.mount for r in records if r.ranges_m is not None}
     scans = 0

@@ -10,7 +10,9 @@ from pfcli.errors import UsageError
 @click.command()
 @click.argument("scenario")
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of noise, slips and people.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of noise, slips and people."
+)
 @click.option("--true-map", is_flag=True, help="Also write the true map as TARGET's name + .yaml and .pgm.")
 @click.option("--force", is_flag=True, help="Replace TARGET.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
@@ -23,7 +25,10 @@ def simulate(scenario: str, target: Path, seed: int, true_map: bool, force: bool
 
     if scenario == "list":
         for s in scenarios.SCENARIOS.values():
-            click.echo(f"{s.name:<18} world {s.world}, robot {s.robot}, laser {s.laser}" + (f", {s.people} people" if s.people else ""))
+            click.echo(
+                f"{s.name:<18} world {s.world}, robot {s.robot}, laser {s.laser}"
+                + (f", {s.people} people" if s.people else "")
+            )
         return
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")

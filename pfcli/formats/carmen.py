@@ -6,8 +6,9 @@ number spans +-90 deg inclusive.
 
 import bz2
 import gzip
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -103,9 +104,9 @@ def _robotlaser(w: list[str]) -> Record:
 _PARSERS = {"ODOM": _odom, "FLASER": _flaser, "ROBOTLASER1": _robotlaser}
 
 
-def _mount(laser: object, robot: object) -> Pose2:
+def _mount(laser: Sequence[float], robot: Sequence[float]) -> Pose2:
     """The laser seen from the robot; rounded to what the log's six digits can tell."""
-    (lx, ly, lyaw), (x, y, yaw) = laser, robot  # type: ignore[misc]
+    (lx, ly, lyaw), (x, y, yaw) = laser, robot
     c, s = math.cos(yaw), math.sin(yaw)
     dx, dy, dyaw = lx - x, ly - y, math.remainder(lyaw - yaw, 2 * math.pi)
     return Pose2(round(c * dx + s * dy, 4) + 0.0, round(-s * dx + c * dy, 4) + 0.0, round(dyaw, 4) + 0.0)
@@ -132,12 +133,12 @@ def stamps_ns(texts: list[str], *, repair: bool) -> tuple[list[int], int]:
     for each stamp the division of its fraction by a power of ten that minimises backward steps and jumps (Viterbi).
     """
     plain = [_candidates(text)[0] for text in texts]
-    backward = sum(b < a for a, b in zip(plain, plain[1:], strict=False))
+    backward = sum(b < a for a, b in itertools.pairwise(plain))
     if not repair or backward <= max(1, len(plain) // 1000):
         return plain, 0
     table = [_candidates(text) for text in texts]
     costs, links = [0.0] * len(table[0]), [[0] * len(table[0])]
-    for before, now in zip(table, table[1:], strict=False):
+    for before, now in itertools.pairwise(table):
         new, link = [], []
         for t in now:
             options = [c + _step_cost((t - p) / _SECOND) for c, p in zip(costs, before, strict=True)]

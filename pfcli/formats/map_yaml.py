@@ -29,7 +29,7 @@ def write(folder: Path, grid: GridMap, name: str = "map") -> None:
     shades = np.full(grid.cells.shape, UNKNOWN, np.uint8)
     shades[grid.cells == 0] = FREE
     shades[grid.cells == 1] = OCCUPIED
-    rows, cols = shades.shape
+    rows, cols = grid.cells.shape
     (folder / f"{name}.pgm").write_bytes(b"P5\n%d %d\n255\n" % (cols, rows) + shades[::-1].tobytes())
     x, y, yaw = (float(v) for v in grid.origin)
     (folder / f"{name}.yaml").write_text(

@@ -100,6 +100,7 @@ class McapFile:
             if size == 0:
                 raise LogError(f"{path}: is empty; nothing was recorded")
             self._bytes = np.memmap(path, np.uint8, mode="r")
+            self._view = memoryview(self._bytes.data)
         except OSError as error:
             raise LogError(f"{path}: cannot be read ({reason(error)})") from None
         if bytes(self._bytes[:8]) != MAGIC:
@@ -136,7 +137,7 @@ class McapFile:
             rows = np.empty((_BATCH, 6), np.int64)
             start = position
             position, count, rest, state = _index(data, position, rows, others)
-            top = memoryview(data)[start:position]
+            top = self._view[start:position]
             tables = others[:rest].copy()
             tables[:, 1] -= start
             self._declare(top, tables)
@@ -149,7 +150,7 @@ class McapFile:
                     yield from self._chunk(top[offset : offset + length], start + offset)
         if state == 2 and position + 9 < data.size and data[position] == _CHUNK:
             self._lose(f"cut off inside a chunk at byte {position}")
-            yield from self._chunk(memoryview(data)[position + 9 :], position + 9, cut=True)
+            yield from self._chunk(self._view[position + 9 :], position + 9, cut=True)
         elif state == 2:
             self._lose(f"cut off at byte {position}")
         elif opcode not in (_DATA_END, _FOOTER):

@@ -13,7 +13,8 @@ _SECOND = 1_000_000_000
 
 def stamp_text(stamp_ns: int) -> str:
     """`seconds.nanoseconds`, exact."""
-    return "%d.%09d" % divmod(stamp_ns, _SECOND)
+    seconds, rest = divmod(stamp_ns, _SECOND)
+    return f"{seconds}.{rest:09d}"
 
 
 def stamp_ns(text: str) -> int:

@@ -158,7 +158,9 @@ def align_se2(poses: _Array, truth: _Array) -> _Array:
 class Aligner(Protocol):
     """Pose that moves a track onto its truth."""
 
-    def __call__(self, poses: _Array, truth: _Array) -> _Array: ...
+    def __call__(self, poses: _Array, truth: _Array) -> _Array:
+        """Poses and truth are (n, 3) rows of the same instants."""
+        ...
 
 
 class Errors(NamedTuple):
@@ -189,7 +191,7 @@ def interpolate(stamps: NDArray[np.int64], reference: NDArray[np.int64], poses: 
     a, b = at - 1, at
     gap = np.maximum(t[b] - t[a], 1)
     share = (stamps - t[a]) / gap
-    out = p[a] + share[:, None] * (p[b] - p[a])
+    out: _Array = p[a] + share[:, None] * (p[b] - p[a])
     out[:, 2] = wrap(p[a, 2] + share * wrap(p[b, 2] - p[a, 2]))
     outside = (stamps < t[a]) | (stamps > t[b]) | ((gap > 1_000_000_000) & (share > 0) & (share < 1))
     out[outside] = np.nan
@@ -210,7 +212,7 @@ def errors_against(
 
 def relative_errors(poses: _Array, truth: _Array, delta: int = 1) -> tuple[_Array, _Array]:
     """RPE over `delta` poses: translation (m) and |rotation| (rad) of inv(truth step) o (track step)."""
-    step = between(between(truth[:-delta], truth[delta:]), between(poses[:-delta], poses[delta:]))
+    step: _Array = between(between(truth[:-delta], truth[delta:]), between(poses[:-delta], poses[delta:]))
     return np.hypot(step[:, 0], step[:, 1]), np.abs(step[:, 2])
 
 
@@ -255,7 +257,7 @@ def map_iou(grid: GridMap, truth: GridMap, moved: Pose2) -> MapAgreement:
     drawn[gy[inside], gx[inside]] = True
     seen = _seen(grid, truth, moved)
     real = (truth.cells == 1) & seen
-    near = np.ones((3, 3))
+    near = np.ones((3, 3), bool)
     drawn_near, real_near = ndimage.binary_dilation(drawn, near), ndimage.binary_dilation(truth.cells == 1, near)
     hits = (real & drawn_near).sum()
     union = real.sum() + (drawn & ~real_near).sum() + (~inside).sum()

@@ -75,9 +75,11 @@ class WheelOdometry:
         self._last = true
         robot = self._robot
         wheels = []
-        for sign, scale in ((-1, robot.scale_left), (1, robot.scale_right)):
-            way = forward + sign * turn * robot.track_m / 2
-            wheels.append(scale * way + robot.noise_m_per_m * math.sqrt(abs(way)) * 0.5 * float(self._rng.standard_normal()))
+        for side, scale in ((-1, robot.scale_left), (1, robot.scale_right)):
+            way = forward + side * turn * robot.track_m / 2
+            wheels.append(
+                scale * way + robot.noise_m_per_m * math.sqrt(abs(way)) * 0.5 * float(self._rng.standard_normal())
+            )
         self.wheels_m = (self.wheels_m[0] + wheels[0], self.wheels_m[1] + wheels[1])
         self._advance((wheels[0] + wheels[1]) / 2, (wheels[1] - wheels[0]) / robot.track_m)
         self._way += abs(forward)

@@ -15,7 +15,7 @@ from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.rng import Purpose, rng_for
 from pfcli.simulate.laser import LASERS, Laser, cast
-from pfcli.simulate.robot import ROBOTS, STEP_S, Robot, WheelOdometry, drive
+from pfcli.simulate.robot import ROBOTS, STEP_S, WheelOdometry, drive
 from pfcli.simulate.world import WORLDS, World, rasterize
 
 WHEEL_RADIUS_M, TICKS_PER_TURN = 0.1, 2000
@@ -128,7 +128,7 @@ def _laser(scenario: Scenario) -> Laser:
 
 def _angles(laser: Laser) -> NDArray[np.float64]:
     low, step = _angle_grid(laser)
-    return low + step * np.arange(laser.beams)
+    return np.asarray(low + step * np.arange(laser.beams), np.float64)
 
 
 def _angle_grid(laser: Laser) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """Indoor worlds as wall segments: floor plans with rooms, doors, corridors and furniture, made from a few numbers."""
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -22,7 +23,9 @@ class _Plan:
         self.segments: list[tuple[float, float, float, float]] = []
         self.rng = rng
 
-    def wall(self, x1: float, y1: float, x2: float, y2: float, doors: tuple[float, ...] = (), width: float = 1.0) -> None:
+    def wall(
+        self, x1: float, y1: float, x2: float, y2: float, doors: tuple[float, ...] = (), width: float = 1.0
+    ) -> None:
         """A wall with gaps of `width` centred at these distances from its start."""
         length = math.hypot(x2 - x1, y2 - y1)
         ux, uy = (x2 - x1) / length, (y2 - y1) / length
@@ -106,12 +109,12 @@ def _rooms(plan: _Plan, outer: tuple[float, float, float, float], depth: float) 
             cuts.append(at)
             at += float(plan.rng.uniform(3.5, 7.0))
         cuts.append(length)
-        doors = tuple(float(plan.rng.uniform(a + 1.0, b - 1.0)) for a, b in zip(cuts, cuts[1:], strict=False))
+        doors = tuple(float(plan.rng.uniform(a + 1.0, b - 1.0)) for a, b in itertools.pairwise(cuts))
         plan.wall(ax, ay, bx, by, doors, 1.0)
         for cut in cuts:
             px, py = ax + ux * cut, ay + uy * cut
             plan.wall(px, py, px + nx * depth, py + ny * depth)
-        for a, b in zip(cuts, cuts[1:], strict=False):
+        for a, b in itertools.pairwise(cuts):
             corners = [(ax + ux * t + nx * d, ay + uy * t + ny * d) for t in (a, b) for d in (0.0, depth)]
             xs, ys = [c[0] for c in corners], [c[1] for c in corners]
             plan.furnish(min(xs), min(ys), max(xs), max(ys), int(plan.rng.integers(1, 4)))
@@ -130,7 +133,7 @@ def office(seed: int) -> World:
     cuts_low, cuts_high = [0.0, 7.0, 13.0, 21.0, 28.5, 34.0, 40.0], [0.0, 5.5, 12.5, 19.0, 27.0, 33.0, 40.0]
     rooms = []
     for y, cuts, (y0, y1) in ((low, cuts_low, (0.0, low)), (high, cuts_high, (high, height))):
-        centres = [(a + b) / 2 for a, b in zip(cuts, cuts[1:], strict=False)]
+        centres = [(a + b) / 2 for a, b in itertools.pairwise(cuts)]
         doors = [c + float(plan.rng.uniform(-1.0, 1.0)) for c in centres]
         plan.wall(0.0, y, width, y, tuple(doors), 1.1)
         for cut in cuts[1:-1]:

@@ -32,7 +32,9 @@ def _one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) 
     assert done.stderr.count("\n") == 1, done.stderr
 
 
-def _log(path: Path, scans: int = 30, ranges: "np.ndarray | None" = None, step_s: float = 0.2, **change: object) -> Path:
+def _log(
+    path: Path, scans: int = 30, ranges: "np.ndarray | None" = None, step_s: float = 0.2, **change: object
+) -> Path:
     """A drive along a room, with one thing changed."""
     beams = ranges if ranges is not None else np.linspace(1.0, 4.0, 91)
     with LogWriter(path, "none") as log:
@@ -61,12 +63,23 @@ def test_help_is_there_for_every_command(pfcli: Cli) -> None:
 
 def test_the_whole_way_from_simulation_to_figures(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
     out, plot = tmp_path / "out", tmp_path / "map.png"
-    done = pfcli("slam-gdr", sample("small-loop"), "--out", out, "--end", 40, "--truth", "auto", "--json", "--plot", plot)
+    done = pfcli(
+        "slam-gdr", sample("small-loop"), "--out", out, "--end", 40, "--truth", "auto", "--json", "--plot", plot
+    )
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert summary["truth"]["ate_m"] < 0.05
     assert summary["lost"] == {}
-    names = {"track.tum", "track.parquet", "metrics.parquet", "frames.parquet", "map.pgm", "map.yaml", "params.toml", "run.json"}
+    names = {
+        "track.tum",
+        "track.parquet",
+        "metrics.parquet",
+        "frames.parquet",
+        "map.pgm",
+        "map.yaml",
+        "params.toml",
+        "run.json",
+    }
     assert {p.name for p in out.iterdir()} == names
     assert plot.read_bytes()[:4] == b"\x89PNG"
     judged = pfcli("evaluate", out / "track.tum", "--truth", sample("small-loop"), "--json")
@@ -110,7 +123,9 @@ def test_convert_carries_the_stamp_text_to_the_track(pfcli: Cli, tmp_path: Path)
     (tmp_path / "r").write_text("100.000000 109.750000 3.9 0 0 0 0 0\n")
     found = json.loads(pfcli("evaluate", tmp_path / "out/track.tum", "--relations", tmp_path / "r", "--json").stdout)
     assert found["relations"]["all"]["translation_m"]["n"] == 1
-    also = pfcli("evaluate", tmp_path / "out/track.tum", "--relations", tmp_path / "r", "--stamps", tmp_path / "x.mcap", "--json")
+    also = pfcli(
+        "evaluate", tmp_path / "out/track.tum", "--relations", tmp_path / "r", "--stamps", tmp_path / "x.mcap", "--json"
+    )
     assert json.loads(also.stdout)["relations"] == found["relations"]
 
 
@@ -153,17 +168,31 @@ def test_bad_input_is_one_line_and_leaves_nothing(name: str, pfcli: Cli, tmp_pat
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [("particles = 5\nspeed = 3\n", "unknown parameter 'speed'"), ("particles = 'many'\n", "particles"), ("particles = \n", "not TOML")],
+    [
+        ("particles = 5\nspeed = 3\n", "unknown parameter 'speed'"),
+        ("particles = 'many'\n", "particles"),
+        ("particles = \n", "not TOML"),
+    ],
 )
 def test_bad_toml_is_named(text: str, says: str, pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
     (tmp_path / "p.toml").write_text(text)
-    _one_line(pfcli("slam-gdr", sample("small-loop"), "--out", tmp_path / "o", "--params", tmp_path / "p.toml"), 2, "p.toml", says)
+    _one_line(
+        pfcli("slam-gdr", sample("small-loop"), "--out", tmp_path / "o", "--params", tmp_path / "p.toml"),
+        2,
+        "p.toml",
+        says,
+    )
 
 
 def test_files_that_are_no_logs(pfcli: Cli, tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").write_bytes(b"")
     (tmp_path / "text.mcap").write_text("hello")
-    for path, says in ((tmp_path / "empty.mcap", "empty"), (tmp_path / "text.mcap", "not an MCAP"), (tmp_path, "folder"), (tmp_path / "gone", "No such file")):
+    for path, says in (
+        (tmp_path / "empty.mcap", "empty"),
+        (tmp_path / "text.mcap", "not an MCAP"),
+        (tmp_path, "folder"),
+        (tmp_path / "gone", "No such file"),
+    ):
         _one_line(pfcli("slam-gdr", path, "--out", tmp_path / "o"), 1, says)
         _one_line(pfcli("info", path), 1, says)
 
@@ -173,14 +202,21 @@ def test_two_scan_topics_ask_for_a_choice(pfcli: Cli, tmp_path: Path) -> None:
         log.odometry(Odometry(T0, 0, 0, 0))
         for topic in ("/front", "/rear"):
             log.scan(Scan(T0, np.ones(5, np.float32), 0, 0.1, 0, 9, Pose2()), topic, "base_link")
-    _one_line(pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "o"), 2, "/front", "/rear", "--topic scan=TOPIC")
+    _one_line(
+        pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "o"), 2, "/front", "/rear", "--topic scan=TOPIC"
+    )
 
 
 def test_an_unknown_frame_says_the_way_out(pfcli: Cli, tmp_path: Path) -> None:
     with LogWriter(tmp_path / "x.mcap") as log:
         log.odometry(Odometry(T0, 0, 0, 0))
         log.scan(Scan(T0, np.ones(5, np.float32), 0, 0.1, 0, 9, Pose2()), "/scan", "velodyne")
-    _one_line(pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "o"), 1, "frame_id", "--extrinsic base_link:velodyne=x,y,yaw")
+    _one_line(
+        pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "o"),
+        1,
+        "frame_id",
+        "--extrinsic base_link:velodyne=x,y,yaw",
+    )
 
 
 def test_a_changing_beam_count_and_a_pause_are_noted_and_survived(pfcli: Cli, tmp_path: Path) -> None:
@@ -223,15 +259,40 @@ run()
 
 
 def test_a_full_disk_leaves_nothing_behind(sample: Sample, tmp_path: Path) -> None:
-    words = [sys.executable, "-c", FULL, "slam-gdr", str(sample("small-loop")), "--end", "10", "--out", str(tmp_path / "o")]
-    _one_line(subprocess.run(words, capture_output=True, text=True, check=False), 1, "No space left on device", "nothing was kept")
+    words = [
+        sys.executable,
+        "-c",
+        FULL,
+        "slam-gdr",
+        str(sample("small-loop")),
+        "--end",
+        "10",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    _one_line(
+        subprocess.run(words, capture_output=True, text=True, check=False),
+        1,
+        "No space left on device",
+        "nothing was kept",
+    )
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_leaves_nothing(how: signal.Signals, sample: Sample, tmp_path: Path) -> None:
-    words = [sys.executable, "-c", "from pfcli.cli import run; run()", "slam-gdr", str(sample("small-loop")), "--particles", "300"]
-    process = subprocess.Popen([*words, "--out", str(tmp_path / "o"), "--progress", "json"], stderr=subprocess.PIPE, text=True)
+    words = [
+        sys.executable,
+        "-c",
+        "from pfcli.cli import run; run()",
+        "slam-gdr",
+        str(sample("small-loop")),
+        "--particles",
+        "300",
+    ]
+    process = subprocess.Popen(
+        [*words, "--out", str(tmp_path / "o"), "--progress", "json"], stderr=subprocess.PIPE, text=True
+    )
     assert process.stderr is not None
     process.stderr.readline()
     time.sleep(0.2)
@@ -258,8 +319,8 @@ def test_help_is_quick(pfcli: Cli) -> None:
 
 
 def test_pipes_carry_json_only(sample: Sample) -> None:
-    words = f"{sys.executable} -c 'from pfcli.cli import run; run()' info --json {sample('small-loop')} | {sys.executable} -c 'import json, sys; print(json.load(sys.stdin)[\"messages\"])'"
+    pfcli = f"{sys.executable} -c 'from pfcli.cli import run; run()'"
+    reader = f"{sys.executable} -c 'import json, sys; print(json.load(sys.stdin)[\"messages\"])'"
+    words = f"{pfcli} info --json {sample('small-loop')} | {reader}"
     done = subprocess.run(["sh", "-c", words], capture_output=True, text=True, check=True)
     assert int(done.stdout) > 1000
-
-

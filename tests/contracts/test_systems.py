@@ -11,7 +11,16 @@ from pfcli.params import build, fields, to_toml
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 RUNS = {"slam-gdr": ("small-loop", ["--end", "50", "--particles", "6", "--resample-threshold", "0.9"])}
-FILES = ("track.tum", "track.parquet", "metrics.parquet", "frames.parquet", "map.pgm", "map.yaml", "params.toml", "overlay.mcap")
+FILES = (
+    "track.tum",
+    "track.parquet",
+    "metrics.parquet",
+    "frames.parquet",
+    "map.pgm",
+    "map.yaml",
+    "params.toml",
+    "overlay.mcap",
+)
 
 
 @pytest.mark.parametrize("name", list(registry.SYSTEMS))
@@ -44,7 +53,9 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
     from pfcli.replay import Settings
 
     system = registry.system(name)
-    job = run.Job(system, build(system.params, {"particles": 5}, "test"), [sample(RUNS[name][0])], settings=Settings(end_s=20.0))
+    job = run.Job(
+        system, build(system.params, {"particles": 5}, "test"), [sample(RUNS[name][0])], settings=Settings(end_s=20.0)
+    )
     first = run.execute(job)
     with events.install_recorder("numba:compile") as recorder:
         second = run.execute(job)

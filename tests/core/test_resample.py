@@ -59,7 +59,9 @@ def test_dispersal_is_inverse_to_the_weight_and_capped() -> None:
 def test_dispersal_has_the_variance_of_eq_8() -> None:
     rng = np.random.default_rng(3)
     n, sigma = 100_000, np.array([0.01, 0.02, 0.005])
-    out = gdr.disperse(np.zeros((n, 3)), np.zeros(n, np.int64), np.full(n, 4.0), sigma, False, rng.standard_normal((n, 3)))
+    out = gdr.disperse(
+        np.zeros((n, 3)), np.zeros(n, np.int64), np.full(n, 4.0), sigma, False, rng.standard_normal((n, 3))
+    )
     # relative standard error of a standard deviation: 1 / sqrt(2 n)
     assert out.std(axis=0) / (2 * sigma) == pytest.approx(np.ones(3), abs=5 / np.sqrt(2 * n))
 

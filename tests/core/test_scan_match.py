@@ -33,7 +33,15 @@ def _points(ranges: np.ndarray) -> np.ndarray:
 def room() -> tiles.Tiles:
     rng = np.random.default_rng(0)
     maps = tiles.cover(tiles.empty(1, 0.05), np.array([-3.0, -3.0]), np.array([11.0, 8.0]))
-    for x, y, yaw in ((2, 2, 0.0), (2.2, 2.1, 0.4), (4, 3, 1.0), (4.2, 2.5, 2.6), (6.5, 3.6, -2.0), (7, 1, -0.7), (1, 1, 1.5)):
+    for x, y, yaw in (
+        (2, 2, 0.0),
+        (2.2, 2.1, 0.4),
+        (4, 3, 1.0),
+        (4.2, 2.5, 2.6),
+        (6.5, 3.6, -2.0),
+        (7, 1, -0.7),
+        (1, 1, 1.5),
+    ):
         pose = np.array([[x, y, yaw]])
         beams = beams_of(_points(_scan(pose[0], rng)), (0.0, 0.0, 0.0))
         maps = tiles.own(maps, tiles.touch(maps, pose, beams))
@@ -91,7 +99,12 @@ def test_along_a_corridor_the_odometry_decides() -> None:
     points = points_of(noisy, (ANGLES[0], ANGLES[1] - ANGLES[0]), (0.0, 5.9), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
     prior = np.array([0.11, 0.0, 0.01])
     m = scan_match.match(
-        maps, prior[None], np.diag([1 / 0.02**2, 1 / 0.02**2, 1 / 0.02**2]), np.zeros((1, 3)), points.ends, scan_match.Matcher()
+        maps,
+        prior[None],
+        np.diag([1 / 0.02**2, 1 / 0.02**2, 1 / 0.02**2]),
+        np.zeros((1, 3)),
+        points.ends,
+        scan_match.Matcher(),
     )
     assert m.pose[0] == pytest.approx([0.11, 0.02, 0.0], abs=0.012)
     covariance = np.linalg.inv(m.information[0])
@@ -118,7 +131,7 @@ def test_log_likelihood_equals_its_five_line_definition(room: tiles.Tiles) -> No
     total = 0.0
     for (px, py), (nx, ny, line) in zip(points, normals, strict=True):
         c, s = np.cos(pose[2]), np.sin(pose[2])
-        w = pose[:2] + (c * px - s * py, s * px + c * py)
+        w = np.array([pose[0] + c * px - s * py, pose[1] + s * px + c * py])
         g = w / 0.05 - room.corner * tiles.SIDE
         state, mx, my = tiles.nearest_surface(room, 0, g[0], g[1])
         if state < 2:

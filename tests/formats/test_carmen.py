@@ -18,7 +18,9 @@ ROBOTLASER = "ROBOTLASER1 0 -1.57 3.14 1.57 30.0 0.01 0 3 1 2 3 0 4.0 5.0 0.1 4.
 def test_lines_are_read_from_every_wrapping(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"x.{ending}"
     data = (f"# comment\n{ODOM}{FLASER}{ROBOTLASER}").encode()
-    path.write_bytes(gzip.compress(data) if ending.endswith("gz") else bz2.compress(data) if ending.endswith("bz2") else data)
+    path.write_bytes(
+        gzip.compress(data) if ending.endswith("gz") else bz2.compress(data) if ending.endswith("bz2") else data
+    )
     (odom, flaser, robot), broken = carmen.read(path)
     assert broken == 0
     assert (odom.odometry, odom.velocity, odom.stamp) == ((1.0, 2.0, 0.5), (0.3, 0.1), "11.5")

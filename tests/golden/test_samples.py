@@ -14,7 +14,11 @@ def test_sample_logs_reach_their_golden_figures() -> None:
 
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     done = subprocess.run(
-        [sys.executable, str(SAMPLES / "make.py"), "check"], capture_output=True, text=True, env={**os.environ, "PATH": path}, check=False
+        [sys.executable, str(SAMPLES / "make.py"), "check"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PATH": path},
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "small-loop ate_m" in done.stdout

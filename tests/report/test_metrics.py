@@ -16,7 +16,6 @@ from pfcli.formats.map_yaml import GridMap
 from pfcli.formats.relations import Relation
 from pfcli.report import metrics
 
-
 EVO = """
 import json, sys
 from evo.core import metrics
@@ -128,5 +127,3 @@ def test_interpolation_is_nan_outside_and_across_gaps() -> None:
     assert out[0, :2] == pytest.approx([0.5, 0])
     assert abs(out[0, 2]) == pytest.approx(np.pi, abs=1e-9)
     assert np.isnan(out[1:]).all()
-
-

@@ -14,7 +14,6 @@ from pfcli.core.geometry import cholesky3, solve3, wrap
 from pfcli.core.grid.tiles import BITS, NONE, REACH, SIDE, Tiles, nearest_surface
 from pfcli.core.jit import kernel, parallel_kernel, prange, reduction_kernel
 
-
 NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
 
 
@@ -355,9 +354,7 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
 @parallel_kernel
 def _match_all(tiles, priors, information, corrections, points, normals, m, poses, hessians, out):  # type: ignore[no-untyped-def]
     for i in prange(priors.shape[0]):
-        _match_one(
-            tiles, i, priors[i], information, corrections[i], points, normals, m, poses[i], hessians[i], out[i]
-        )
+        _match_one(tiles, i, priors[i], information, corrections[i], points, normals, m, poses[i], hessians[i], out[i])
 
 
 def match(

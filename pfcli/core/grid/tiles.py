@@ -210,8 +210,7 @@ def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
     if dx == NONE:
         return (1 if tiles.counts[tile, cell, 0] > 0 else 0), 0.0, 0.0
     jx, jy = ix + dx, iy + np.int64(tiles.near[tile, cell, 1])
-    tx, ty = jx >> BITS, jy >> BITS
-    tile = tiles.index[i, ty, tx]
+    tile = tiles.index[i, jy >> BITS, jx >> BITS]
     cell = ((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1))
     sx = tiles.surface[tile, cell, 0]
     if sx == FREE:

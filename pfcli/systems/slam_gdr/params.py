@@ -41,12 +41,12 @@ class Params:
         float,
         Opt("sample the improved proposal with this multiple of its standard deviation; 0 takes its mode", "", 0, 10),
     ] = 0.3
-    coarse_xy_m: Annotated[float, Opt("half width of the coarse search", "m", 0, 5)] = 0.3
-    coarse_yaw_deg: Annotated[float, Opt("half width of the coarse search", "deg", 0, 180)] = 20.0
+    coarse_xy_m: Annotated[float, Opt("half width of the coarse search", "m", 0.01, 5)] = 0.3
+    coarse_yaw_deg: Annotated[float, Opt("half width of the coarse search", "deg", 0.5, 180)] = 20.0
     rescue_inliers: Annotated[
         float, Opt("below this share of beams on known walls every particle searches farther; 0 never", "", 0, 1)
     ] = 0.6
-    rescue_xy_m: Annotated[float, Opt("half width of that search", "m", 0, 10)] = 0.8
+    rescue_xy_m: Annotated[float, Opt("half width of that search", "m", 0.01, 10)] = 0.8
     motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.2
     motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
     motion_xy_m: Annotated[float, Opt("odometry: position error of any step", "m", 1e-6, 10)] = 0.02

@@ -1,0 +1,63 @@
+"""Documentation that runs and stays current."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_command_reference_is_current() -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs/generate.py", "--check"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_readme_has_exactly_two_set_up_commands_and_ci_runs_the_second() -> None:
+    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    set_up = [b.strip() for b in blocks if "venv" in b]
+    assert len(set_up) == 2
+    assert "sample_logs/" in set_up[0]
+    assert all("\n" not in b for b in set_up)
+    assert "README.md" in (ROOT / ".ci/run").read_text()
+
+
+def test_python_examples_run(tmp_path: Path, pfcli: object, sample: object) -> None:
+    (tmp_path / "schemas").symlink_to(ROOT / "schemas")
+    done = pfcli("slam-gdr", sample("small-loop"), "--end", 5, "--out", tmp_path / "out/small-loop")  # type: ignore[operator]
+    assert done.returncode == 0, done.stderr
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/formats.md").read_text(), re.S)
+    assert len(blocks) == 2
+    for block in blocks:
+        ran = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stderr
+    assert "/odom" in pfcli("info", tmp_path / "robot.mcap").stdout  # type: ignore[operator]
+
+
+def test_every_metric_of_a_run_is_declared_with_a_known_unit() -> None:
+    from pfcli import registry
+    from pfcli.formats.parquet import unit_of
+
+    for system in registry.all_systems():
+        for name in system.info._fields:  # type: ignore[attr-defined]
+            assert unit_of(name) in {"ns", "m", "s", "rad", "1", "m^2", "rad^2"}, name
+
+
+@pytest.mark.parametrize("page", sorted(p.name for p in (ROOT / "docs/decisions").glob("*.md")))
+def test_decisions_are_short(page: str) -> None:
+    assert len((ROOT / "docs/decisions" / page).read_text().splitlines()) <= 16
+
+
+def test_links_inside_the_tree_lead_somewhere() -> None:
+    for page in [
+        *ROOT.glob("*.md"),
+        *ROOT.glob("docs/**/*.md"),
+        *ROOT.glob("benchmarks/*.md"),
+        *ROOT.glob("pfcli/**/*.md"),
+    ]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"

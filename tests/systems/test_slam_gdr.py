@@ -1,0 +1,94 @@
+"""The filter: proposal, weights, resampling, and what must survive a broken part."""
+
+import numpy as np
+import pytest
+
+from pfcli import run
+from pfcli.params import build
+from pfcli.registry import system
+from pfcli.replay import Settings
+from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
+from tests.conftest import SAMPLES
+
+SLAM = system("slam-gdr")
+
+
+def _job(seed: int = 0, end_s: float | None = None, **params: object) -> run.Job:
+    log = SAMPLES / "small-loop.mcap"
+    return run.Job(SLAM, build(SLAM.params, params, "test"), [log], seed, Settings(end_s=end_s), truth="auto")
+
+
+def test_the_proposal_has_the_covariance_of_the_match() -> None:
+    rng = np.random.default_rng(0)
+    n = 100_000
+    cov = np.array([[0.04, 0.01, 0.002], [0.01, 0.03, -0.001], [0.002, -0.001, 0.005]])
+    info = np.broadcast_to(np.linalg.inv(cov), (n, 3, 3)).copy()
+    poses, half_log_det, _ = sample_proposal(np.zeros((n, 3)), info, 0.5, rng.standard_normal((n, 3)))
+    # standard error of a covariance entry: sqrt((c_ii c_jj + c_ij^2) / n)
+    error = np.sqrt((np.outer(np.diag(cov), np.diag(cov)) + cov**2) / n)
+    assert (np.abs(np.cov(poses.T) / 0.25 - cov) < 5 * error).all()
+    assert half_log_det[0] == pytest.approx(0.5 * np.log(np.linalg.det(cov)))
+
+
+def test_ancestry_is_traced_and_its_common_part_counted() -> None:
+    parents = np.array([[0, 1, 2], [0, 0, 2], [1, 1, 2], [0, 1, 1]])
+    assert trace(parents, 2).tolist() == [0, 1, 1, 2]
+    assert coalesced(np.array([[0, 1], [0, 0], [0, 1]])) == 1
+    assert coalesced(np.array([[0, 1], [0, 1]])) == 0
+
+
+def test_covariance_of_headings_near_the_seam() -> None:
+    poses = np.array([[0.0, 0, 3.13], [0.0, 0, -3.13]])
+    assert covariance(poses)[2, 2] == pytest.approx((np.pi - 3.13) ** 2)
+
+
+def test_weights_do_not_change_sharpness_with_the_number_of_particles() -> None:
+    """The evidence of an update is a property of scan and map; its spread over particles must not depend on N."""
+    shares = []
+    for n in (10, 40):
+        infos = run.execute(_job(end_s=40, particles=n, resampler="systematic", resample_threshold=0.0)).infos
+        shares.append(np.mean([i.n_eff / n for i in infos[-20:]]))
+    assert shares[1] == pytest.approx(shares[0], rel=0.35)
+
+
+@pytest.mark.parametrize("resampler", ["gdr", "csw", "systematic", "stratified"])
+@pytest.mark.parametrize("variant", ["paper", "corrected"])
+def test_every_resampler_and_variant_maps_the_loop(resampler: str, variant: str) -> None:
+    done = run.execute(_job(end_s=60, particles=8, resampler=resampler, variant=variant, evidence_gain=0.1))
+    assert done.errors is not None
+    assert done.errors.summary()["ate_m"] < 0.05
+    spread = max(i.offspring_spread_m for i in done.infos)
+    assert (spread > 0) == (resampler == "gdr" and any(i.resampled for i in done.infos))
+
+
+def test_every_scan_has_a_pose_and_updates_are_marked() -> None:
+    done = run.execute(_job(end_s=30))
+    track = done.result.track
+    assert track.stamps_ns.size == done.loss.read["scan"]
+    assert track.columns["update"].sum() == len(done.infos)
+    assert np.isfinite(track.poses).all()
+
+
+def test_a_filter_that_ignores_its_scans_is_far_off() -> None:
+    """The figures that the golden test compares do tell a broken filter: without matching the error is tens of times larger."""
+    good, blind = (run.execute(job).errors for job in (_job(), _blind()))
+    assert good is not None
+    assert blind is not None
+    assert blind.summary()["ate_m"] > 5 * good.summary()["ate_m"]
+
+
+def _blind() -> run.Job:
+    return _job(beam_gain=1e-4, rescue_inliers=0.0, coarse_xy_m=0.01, coarse_yaw_deg=0.5)
+
+
+def test_memory_is_flat_when_the_same_place_is_driven_twice() -> None:
+    """The second lap of the sample adds few tiles to those of the first."""
+    infos = run.execute(_job()).infos
+    half = len(infos) // 2
+    assert infos[-1].tiles < 1.5 * infos[half].tiles
+
+
+def test_one_particle_works() -> None:
+    done = run.execute(_job(end_s=40, particles=1))
+    assert done.errors is not None
+    assert done.errors.summary()["ate_m"] < 0.05
