@@ -211,11 +211,11 @@ def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
         return (1 if tiles.counts[tile, cell, 0] > 0 else 0), 0.0, 0.0
     jx, jy = ix + dx, iy + np.int64(tiles.near[tile, cell, 1])
     tile = tiles.index[i, jy >> BITS, jx >> BITS]
-    cell = ((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1))
-    sx = tiles.surface[tile, cell, 0]
+    there = ((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1))
+    sx = tiles.surface[tile, there, 0]
     if sx == FREE:
         return 1, 0.0, 0.0
-    return 2, jx + sx * _STEP, jy + tiles.surface[tile, cell, 1] * _STEP
+    return 2, jx + sx * _STEP, jy + tiles.surface[tile, there, 1] * _STEP
 
 
 class Beams(NamedTuple):

@@ -1,0 +1,118 @@
+"""Simulated and recorded logs for the benchmarks, kept in a cache folder and made when missing."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pfcli import run
+from pfcli.core.jit import cache_root
+from pfcli.events import Pose2
+from pfcli.formats import carmen, map_yaml, relations
+from pfcli.params import build
+from pfcli.registry import system
+from pfcli.report import metrics
+
+DATA = Path(os.environ.get("PFCLI_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+LOGS = cache_root() / "benchmark-logs"
+MAX_DOUBLED = 0.15
+MIN_IOU = 0.7
+CSAIL_ATE_M = 0.3
+"""Consistency as frozen in docs/decisions/005-consistent-map.md."""
+
+
+def pfcli(*words: str) -> None:
+    """Run the command line of this interpreter's pfcli."""
+    subprocess.run([sys.executable, "-c", "from pfcli.cli import run; run()", *words], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def simulated(scenario: str, seed: int = 0) -> Path:
+    """Log of a scenario with its true map beside it."""
+    LOGS.mkdir(parents=True, exist_ok=True)
+    path = LOGS / f"{scenario}-{seed}.mcap"
+    if not path.exists():
+        pfcli("simulate", scenario, str(path), "--seed", str(seed), "--true-map")
+    return path
+
+
+def recorded(name: str) -> Path:
+    """A recorded CARMEN log as MCAP: intel, aces or csail."""
+    LOGS.mkdir(parents=True, exist_ok=True)
+    path = LOGS / f"{name}.mcap"
+    source = {"intel": "intel/intel.clf.bz2", "aces": "aces/aces.clf.bz2", "csail": "mit-csail/mit-csail.clf.bz2"}[name]
+    if not path.exists():
+        pfcli("convert", str(DATA / source), str(path))
+    return path
+
+
+def slam(log: Path, seed: int, truth: bool = False, **params: object) -> run.Run:
+    """One run of slam-gdr."""
+    slam_gdr = system("slam-gdr")
+    job = run.Job(slam_gdr, build(slam_gdr.params, params, "benchmark"), [log], seed, truth="auto" if truth else None)
+    return run.execute(job)
+
+
+class Verdict(NamedTuple):
+    """Whether a map is consistent, and the numbers that say so."""
+
+    consistent: bool
+    iou: float
+    doubled: float
+    ate_m: float
+
+
+def judge_simulated(log: Path, done: run.Run) -> Verdict:
+    """Against the true map, aligned by the true track."""
+    assert done.result.grid is not None
+    assert done.errors is not None
+    from pfcli.replay import Log
+
+    truth = [e for e in Log(log).events(["truth"])]
+    stamps, poses = np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
+    track = done.result.track
+    there = metrics.interpolate(track.stamps_ns, stamps, poses)
+    known = np.isfinite(there[:, 0])
+    moved = Pose2(*metrics.align_se2(track.poses[known], there[known]).tolist())
+    true_map = map_yaml.read(log.with_suffix(".yaml"))
+    iou = metrics.map_iou(done.result.grid, true_map, moved).iou
+    doubled = metrics.doubled_walls(done.result.grid) - metrics.doubled_walls(true_map)
+    return Verdict(iou >= MIN_IOU and doubled <= MAX_DOUBLED, iou, doubled, done.errors.summary()["ate_m"])
+
+
+def csail_reference() -> dict[str, tuple[float, float, float]]:
+    """Poses of the GMapping log by stamp text (agreement, not truth)."""
+    records, _ = carmen.read(DATA / "mit-csail/csail-corrected.log.gz")
+    # in a corrected log the robot pose is the corrected one
+    return {r.stamp: r.odometry for r in records if r.ranges_m is not None}
+
+
+def csail_ate(done: run.Run) -> float:
+    """ATE against the GMapping log after SE(2) alignment (m)."""
+    reference = csail_reference()
+    index = {text: k for k, text in enumerate(done.result.track.columns["source_stamp"])}
+    keys = [k for k in reference if k in index]
+    mine, theirs = done.result.track.poses[[index[k] for k in keys]], np.array([reference[k] for k in keys])
+    moved = metrics.compose(metrics.align_se2(mine, theirs)[None], mine)
+    return float(np.sqrt(((moved - theirs)[:, :2] ** 2).sum(axis=1).mean()))
+
+
+def relation_spread(name: str, done: run.Run) -> dict[str, metrics.Spread]:
+    """Relations of intel or aces: all, and those >= 100 scans apart."""
+    track = done.result.track
+    errors = metrics.relation_errors(relations.read(DATA / name / f"{name}.relations"), track.columns["source_stamp"], track.poses)
+    far = errors.scans_apart >= metrics.FAR_SCANS
+    return {
+        "all": metrics.spread(errors.translation_m),
+        "rotation": metrics.spread(np.degrees(errors.rotation_rad)),
+        "far": metrics.spread(errors.translation_m[far]),
+    }
+
+
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a share (Wilson 1927)."""
+    z, p = 1.96, successes / trials
+    centre, half = p + z * z / (2 * trials), z * np.sqrt(p * (1 - p) / trials + z * z / (4 * trials**2))
+    return float((centre - half) / (1 + z * z / trials)), float((centre + half) / (1 + z * z / trials))
