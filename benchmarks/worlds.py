@@ -26,7 +26,8 @@ CSAIL_ATE_M = 0.3
 
 def pfcli(*words: str) -> None:
     """Run the command line of this interpreter's pfcli."""
-    subprocess.run([sys.executable, "-c", "from pfcli.cli import run; run()", *words], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    command = [sys.executable, "-c", "from pfcli.cli import run; run()", *words]
+    subprocess.run(command, check=True, capture_output=True)
 
 
 def simulated(scenario: str, seed: int = 0) -> Path:
@@ -70,7 +71,7 @@ def judge_simulated(log: Path, done: run.Run) -> Verdict:
     assert done.errors is not None
     from pfcli.replay import Log
 
-    truth = [e for e in Log(log).events(["truth"])]
+    truth = list(Log(log).events(["truth"]))
     stamps, poses = np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
     track = done.result.track
     there = metrics.interpolate(track.stamps_ns, stamps, poses)
@@ -99,10 +100,31 @@ def csail_ate(done: run.Run) -> float:
     return float(np.sqrt(((moved - theirs)[:, :2] ** 2).sum(axis=1).mean()))
 
 
+def csail_reference_doubled() -> float:
+    """Doubled-wall score of the map that the GMapping log draws, at our resolution."""
+    from pfcli.core.grid import tiles
+    from pfcli.core.grid.scan_points import beams_of, points_of
+    from pfcli.systems.slam_gdr.filter import grid_of
+
+    records, _ = carmen.read(DATA / "mit-csail/csail-corrected.log.gz")
+    maps = tiles.empty(1, 0.05)
+    for r in records:
+        assert r.ranges_m is not None
+        points = points_of(r.ranges_m, r.angles, (0.0, 81.0), r.mount, 1, 0.0, 0.05)
+        pose, reach = np.array([r.odometry]), 83.0
+        maps = tiles.cover(maps, pose[0, :2] - reach, pose[0, :2] + reach)
+        beams = beams_of(points, r.mount)
+        maps = tiles.own(maps, tiles.touch(maps, pose, beams))
+        tiles.insert(maps, pose, beams)
+    return metrics.doubled_walls(grid_of(maps, 0))
+
+
 def relation_spread(name: str, done: run.Run) -> dict[str, metrics.Spread]:
     """Relations of intel or aces: all, and those >= 100 scans apart."""
     track = done.result.track
-    errors = metrics.relation_errors(relations.read(DATA / name / f"{name}.relations"), track.columns["source_stamp"], track.poses)
+    errors = metrics.relation_errors(
+        relations.read(DATA / name / f"{name}.relations"), track.columns["source_stamp"], track.poses
+    )
     far = errors.scans_apart >= metrics.FAR_SCANS
     return {
         "all": metrics.spread(errors.translation_m),

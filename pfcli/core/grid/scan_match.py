@@ -15,6 +15,8 @@ from pfcli.core.grid.tiles import BITS, NONE, REACH, SIDE, Tiles, nearest_surfac
 from pfcli.core.jit import kernel, parallel_kernel, prange, reduction_kernel
 
 NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
+_SLIPPED = 2.0
+"""A pose counts as slipped where the uniform part is half of the motion prior or more."""
 
 
 class Matcher(NamedTuple):
@@ -225,6 +227,12 @@ def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m,
 
 
 @kernel
+def _volume(m):  # type: ignore[no-untyped-def]
+    """Volume of the window in which a slip can end (m^2 rad)."""
+    return 8 * m.coarse_xy_m * m.coarse_xy_m * m.coarse_yaw_rad
+
+
+@kernel
 def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
     """Log density of the motion prior: Gaussian, or with probability `slip` uniform over the coarse window."""
     d0, d1, d2 = pose[0] - prior[0], pose[1] - prior[1], wrap(pose[2] - prior[2])
@@ -235,8 +243,7 @@ def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
         + 2 * (information[0, 1] * d0 * d1 + information[0, 2] * d0 * d2 + information[1, 2] * d1 * d2)
     )
     gauss = np.exp(0.5 * cholesky3(information, np.zeros((3, 3))) - 0.5 * q) / (2 * np.pi) ** 1.5
-    volume = 8 * m.coarse_xy_m * m.coarse_xy_m * m.coarse_yaw_rad
-    return np.log((1 - m.slip) * gauss + m.slip / volume)
+    return np.log((1 - m.slip) * gauss + m.slip / _volume(m))
 
 
 @kernel
@@ -342,7 +349,11 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
     anchor[1] = prior[1] + sin * correction[0] + cos * correction[1]
     anchor[2] = wrap(prior[2] + correction[2])
     other[:] = anchor
-    inliers = _refine(tiles, i, other, anchor, information, 0.25, points, normals, m, work, other_hessian)
+    if log_prior(anchor, prior, information, m) > np.log(_SLIPPED * m.slip / _volume(m)):
+        # within reach of the odometry: only the start differs, the prior stays where it is
+        inliers = _refine(tiles, i, other, prior, information, 1.0, points, normals, m, work, other_hessian)
+    else:
+        inliers = _refine(tiles, i, other, anchor, information, 0.25, points, normals, m, work, other_hessian)
     found = log_likelihood(tiles, i, other, points, normals, m.sigma_m, m, 1)
     before = log_prior(other, prior, information, m)
     if found + before > out[0] + out[1]:

@@ -1,0 +1,44 @@
+"""slam-gdr on the recorded logs: relations of Intel and ACES, agreement on CSAIL, N = 10, 5 seeds.
+
+python benchmarks/slam_real.py [particles] [seeds]
+"""
+
+import sys
+
+import numpy as np
+import worlds
+
+from pfcli.report import metrics
+
+
+def main(particles: int = 10, seeds: int = 5) -> None:
+    """Print a row per log and seed, then the means."""
+    print(
+        "| log | seed | >= 100 scans apart: mean, 95 % [m] (interval of the mean) | all: mean [m], [deg] | loop [s] |"
+    )
+    print("|---|---|---|---|---|")
+    for name in ("intel", "aces"):
+        rows = []
+        for seed in range(seeds):
+            done = worlds.slam(worlds.recorded(name), seed, particles=particles)
+            s = worlds.relation_spread(name, done)
+            rows.append((s["far"].mean, s["far"].q95, s["all"].mean, s["rotation"].mean))
+            far = s["far"]
+            print(
+                f"| {name} | {seed} | {far.mean:.4f}, {far.q95:.3f} ({far.low:.4f} .. {far.high:.4f}) |"
+                f" {s['all'].mean:.4f}, {s['rotation'].mean:.3f} | {done.seconds['loop']:.2f} |"
+            )
+        far_mean, far_q95, all_mean, all_deg = np.mean(rows, axis=0)
+        print(f"| {name} | mean | {far_mean:.4f}, {far_q95:.3f} | {all_mean:.4f}, {all_deg:.3f} | |")
+    print("\n| log | seed | ATE against the GMapping log [m] | doubled walls | loop [s] |")
+    print("|---|---|---|---|---|")
+    for seed in range(seeds):
+        done = worlds.slam(worlds.recorded("csail"), seed, particles=particles)
+        assert done.result.grid is not None
+        doubled = metrics.doubled_walls(done.result.grid)
+        print(f"| csail | {seed} | {worlds.csail_ate(done):.3f} | {doubled:.3f} | {done.seconds['loop']:.2f} |")
+    print(f"\nThe map drawn from the GMapping log has a doubled-wall score of {worlds.csail_reference_doubled():.3f}.")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
