@@ -18,8 +18,17 @@ from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Odometry, Range, Scan, Truth
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
 from pfcli.formats.mcap_records import Batch, Channel, McapFile
-from pfcli.formats.messages import RANK, ROLES, SECOND, Decoder, decoder, json_stamp, stamp_in_header, yaw_of
-from pfcli.formats.schemas import typestore
+from pfcli.formats.messages import (
+    RANK,
+    ROLES,
+    SECOND,
+    Decoder,
+    decoder,
+    json_stamp,
+    stamp_in_header,
+    transforms,
+    yaw_of,
+)
 
 SOURCE_STAMP_TOPIC = "/source_stamp"
 _TF = "tf2_msgs/msg/TFMessage"
@@ -110,13 +119,8 @@ class Log:
         if static:
             for batch in self._file.batches():
                 for k in np.flatnonzero(np.isin(batch.channel, list(static))).tolist():
-                    payload = batch.data[batch.offset[k] : batch.offset[k] + batch.length[k]]
-                    for t in _transforms(payload):
-                        found.add(
-                            t.header.frame_id,
-                            t.child_frame_id,
-                            from_transform(t.transform.translation, t.transform.rotation),
-                        )
+                    for t in transforms(batch.data, int(batch.offset[k]), int(batch.length[k])):
+                        found.add(t.parent, t.child, from_transform(t.translation, t.rotation))
         self._file.losses.clear()
         self._file.partial = False
         found.add_flags(self.settings.extrinsics)
@@ -169,24 +173,15 @@ class _Source(NamedTuple):
     decode: Decoder
 
 
-def _transforms(payload: bytes | memoryview) -> Any:
-    try:
-        return typestore().deserialize_cdr(memoryview(payload), _TF).transforms
-    except Exception:  # rosbags raises whatever its generated code trips over
-        return []
-
-
 def _tf_decoder(role: str, frames: str) -> Decoder:
     """Read `parent.child` out of /tf messages as odometry or truth."""
     parent, _, child = frames.partition(".")
     kind = Truth if role == "truth" else Odometry
 
     def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event, str]:
-        for t in _transforms(memoryview(buffer)[offset : offset + length]):
-            if t.header.frame_id.lstrip("/") == parent and t.child_frame_id.lstrip("/") == child:
-                q, p = t.transform.rotation, t.transform.translation
-                stamp = t.header.stamp.sec * SECOND + t.header.stamp.nanosec
-                return kind(stamp, p.x, p.y, yaw_of(q.x, q.y, q.z, q.w)), ""
+        for t in transforms(buffer, offset, length):
+            if t.parent.lstrip("/") == parent and t.child.lstrip("/") == child:
+                return kind(t.stamp_ns, t.translation[0], t.translation[1], yaw_of(*t.rotation)), ""
         raise KeyError
 
     return decode

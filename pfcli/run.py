@@ -4,7 +4,7 @@ import hashlib
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +17,11 @@ from pfcli.params import to_toml
 from pfcli.progress import progress
 from pfcli.registry import System
 from pfcli.replay import Log, Loss, Settings
-from pfcli.report.metrics import Errors, align_se2, errors_against
 from pfcli.rng import Draw
 from pfcli.systems.result import Result
+
+if TYPE_CHECKING:
+    from pfcli.report.metrics import Errors
 
 
 class Job(NamedTuple):
@@ -42,7 +44,7 @@ class Run(NamedTuple):
 
     result: Result
     infos: list[Any]
-    errors: Errors | None
+    errors: "Errors | None"
     loss: Loss
     seconds: dict[str, float]
     motion: str
@@ -164,9 +166,11 @@ def _nothing_ran(scans: int, loss: Loss) -> str:
     )
 
 
-def _errors(job: Job, result: Result, truth: list[Truth]) -> Errors | None:
+def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
     if job.truth is None:
         return None
+    from pfcli.report.metrics import align_se2, errors_against
+
     if truth:
         stamps, poses = np.array([t.stamp_ns for t in truth]), np.array([t[1:4] for t in truth])
     elif Path(job.truth).is_file():

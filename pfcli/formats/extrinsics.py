@@ -1,7 +1,7 @@
 """Where sensors sit on the robot: static transforms of a log and `--extrinsic` flags, as mounts in the plane."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -65,14 +65,14 @@ def _planar(x: float, y: float, yaw: float) -> NDArray[np.float64]:
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 
 
-def from_transform(translation: object, rotation: object) -> NDArray[np.float64]:
-    """(4, 4) matrix of a geometry_msgs/Transform's parts."""
-    x, y, z, w = (getattr(rotation, k) for k in "xyzw")
+def from_transform(translation: Sequence[float], rotation: Sequence[float]) -> NDArray[np.float64]:
+    """(4, 4) matrix of a translation and a quaternion x, y, z, w."""
+    x, y, z, w = rotation
     out = np.eye(4)
     out[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    out[:3, 3] = [getattr(translation, k) for k in "xyz"]
+    out[:3, 3] = translation
     return out

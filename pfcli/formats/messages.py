@@ -8,7 +8,7 @@ import json
 import math
 import struct
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -126,6 +126,44 @@ def _odometry(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Odo
     return Odometry(stamp_ns, x, y, yaw, vx, vy, wz), frame
 
 
+def _source_stamp(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[SourceStamp, str]:
+    name, at = _after_string(buffer, offset + 4, offset + 4, offset + length)
+    return SourceStamp(stamp_ns, bytes(buffer[at - name : at - 1]).decode()), ""
+
+
+class Transform(NamedTuple):
+    """One geometry_msgs/TransformStamped: parent and child frame, translation (3,), rotation x, y, z, w."""
+
+    stamp_ns: int
+    parent: str
+    child: str
+    translation: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+
+def transforms(buffer: Any, offset: int, length: int) -> list[Transform]:
+    """The transforms of a tf2_msgs/TFMessage; what cannot be read is left out."""
+    start, end, found = offset + 4, offset + length, []
+    try:
+        (count,) = _U32.unpack_from(buffer, start)
+        at = start + 4
+        for _ in range(count):
+            at += -(at - start) % 4
+            sec, nsec = struct.unpack_from("<iI", buffer, at)
+            name, at = _after_string(buffer, start, at + 8, end)
+            parent = bytes(buffer[at - name : at - 1]).decode()
+            name, at = _after_string(buffer, start, at, end)
+            child = bytes(buffer[at - name : at - 1]).decode()
+            at += -(at - start) % 8
+            numbers = _POSE.unpack_from(buffer, at)
+            at += 56
+            if at <= end and all(map(math.isfinite, numbers)):
+                found.append(Transform(sec * SECOND + nsec, parent, child, numbers[:3], numbers[3:]))
+    except (struct.error, ValueError):
+        pass
+    return found
+
+
 def _via_rosbags(schema: str, convert: Callable[[Any, int], tuple[Event, str]]) -> Decoder:
     store = typestore()
 
@@ -231,10 +269,6 @@ def _goalposts(m: Any, t: int) -> tuple[Landmarks, str]:
     return _polar(t, [f"post{p.attributes.side}{p.attributes.team}" for p in m.posts], xy), m.header.frame_id
 
 
-def _text(m: Any, t: int) -> tuple[SourceStamp, str]:
-    return SourceStamp(t, m.data), ""
-
-
 def _j_landmarks(m: Any, t: int) -> tuple[Landmarks, str]:
     rows = m["landmarks"]
     sigma = [[r.get("sigma_range_m", math.nan), r.get("sigma_bearing_rad", math.nan)] for r in rows]
@@ -280,7 +314,6 @@ _ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
     ("lines", "soccer_vision_3d_msgs/msg/MarkingArray"): _markings,
     ("landmarks", "vision_msgs/msg/Detection3DArray"): _detections,
     ("landmarks", "soccer_vision_3d_msgs/msg/GoalpostArray"): _goalposts,
-    ("source_stamp", "std_msgs/msg/String"): _text,
 }
 
 _JSON: dict[str, Callable[[Any, int], tuple[Any, str]]] = {
@@ -305,6 +338,8 @@ def decoder(role: str, schema: str) -> Decoder:
         return _scan
     if (role, schema) == ("odometry", "nav_msgs/msg/Odometry"):
         return _odometry
+    if role == "source_stamp":
+        return _source_stamp
     if schema.startswith("pfcli."):
         return _via_json(_JSON[schema])
     return _via_rosbags(schema, _ROS[role, schema])

@@ -197,11 +197,12 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
     lead = int(np.argmax(state.score))
     corrections = np.tile(_look(state.maps, lead, predicted[lead], thinned, near), (params.particles, 1))
     match = scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
-    if not 0.0 <= match.inliers.mean() < params.rescue_inliers:
+    lost = np.flatnonzero((match.inliers >= 0.0) & (match.inliers < params.rescue_inliers))
+    if lost.size == 0:
         return match
-    # the loop was missed or a wheel has slipped: every particle looks around in its own map, farther
+    # the loop was missed or a wheel has slipped: such particles look around in their own map, farther
     wide = near._replace(half_xy_m=params.rescue_xy_m)
-    for i in range(params.particles):
+    for i in lost:
         corrections[i] = _look(state.maps, i, predicted[i], thinned, wide)
     return scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
 
