@@ -1,5 +1,6 @@
 """The loop shared by all systems: events in, results out."""
 
+import gc
 import hashlib
 import time
 from collections.abc import Iterator, Sequence
@@ -64,6 +65,7 @@ def execute(job: Job) -> Run:
     draw = Draw(job.seed)
     state, infos, scans = None, [], 0
     opened = time.perf_counter()
+    gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
     sweeps = align.sweeps(_without_truth(_replay(logs, roles, loss), truth), motion, job.drive, loss)
     for sweep in progress(_with_data(sweeps, loss), job.progress, job.system.name):
         if state is None:

@@ -5,6 +5,8 @@ cells, so the match is not quantised by the grid. A correlative search stands in
 (wheel slip, a pushed robot).
 """
 
+import functools
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -315,6 +317,12 @@ def _search(tiles, i, start, points, window, table, out):  # type: ignore[no-unt
         _search_yaw(tiles, i, start, points, window, table, (a - half) * window.step_yaw_rad, out[a])
 
 
+@functools.cache
+def _likelihoods(cells: float) -> NDArray[np.float64]:
+    """exp(-d^2 / 2) by squared distance in cells, each `cells` standard deviations wide."""
+    return np.array([math.exp(-0.5 * k * cells * cells) for k in range(2 * REACH * REACH + 1)])
+
+
 def coarse(
     tiles: Tiles, i: int, start: NDArray[np.float64], points: NDArray[np.float64], window: Window
 ) -> tuple[NDArray[np.float64], float]:
@@ -324,9 +332,7 @@ def coarse(
     """
     half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
     out = np.empty((2 * half + 1, 4))
-    squares = np.arange(2 * REACH * REACH + 1)
-    table = np.exp(-0.5 * squares * (tiles.resolution_m / window.sigma_m) ** 2)
-    _search(tiles, i, start, points, window, table, out)
+    _search(tiles, i, start, points, window, _likelihoods(tiles.resolution_m / window.sigma_m), out)
     best = int(np.argmax(out[:, 0]))
     correction = np.array([out[best, 1], out[best, 2], (best - half) * window.step_yaw_rad])
     return correction, float(out[best, 0] - out[half, 3])
