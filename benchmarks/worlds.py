@@ -115,7 +115,7 @@ def csail_reference_doubled() -> float:
         maps = tiles.cover(maps, pose[0, :2] - reach, pose[0, :2] + reach)
         beams = beams_of(points, r.mount)
         maps = tiles.own(maps, tiles.touch(maps, pose, beams))
-        tiles.insert(maps, pose, beams)
+        tiles.insert(maps, pose, np.ones(1, bool), beams)
     return metrics.doubled_walls(grid_of(maps, 0))
 
 

@@ -45,7 +45,7 @@ def room() -> tiles.Tiles:
         pose = np.array([[x, y, yaw]])
         beams = beams_of(_points(_scan(pose[0], rng)), (0.0, 0.0, 0.0))
         maps = tiles.own(maps, tiles.touch(maps, pose, beams))
-        tiles.insert(maps, pose, beams)
+        tiles.insert(maps, pose, np.ones(1, bool), beams)
     return maps
 
 
@@ -93,7 +93,7 @@ def test_along_a_corridor_the_odometry_decides() -> None:
         points = points_of(ranges, (ANGLES[0], ANGLES[1] - ANGLES[0]), (0.0, 5.9), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
         beams, pose = beams_of(points, (0.0, 0.0, 0.0)), np.array([[x, 0.0, 0.0]])
         maps = tiles.own(maps, tiles.touch(maps, pose, beams))
-        tiles.insert(maps, pose, beams)
+        tiles.insert(maps, pose, np.ones(1, bool), beams)
     cast(0.11, 0.02, ANGLES, walls, np.zeros((0, 3)), 6.0, ranges)
     noisy = ranges + 0.005 * rng.standard_normal(ranges.size)
     points = points_of(noisy, (ANGLES[0], ANGLES[1] - ANGLES[0]), (0.0, 5.9), (0.0, 0.0, 0.0), 1, 0.0, 0.05)

@@ -14,7 +14,7 @@ def _insert(maps: tiles.Tiles, poses: np.ndarray, ranges: np.ndarray) -> tiles.T
     reach = ranges.max() + 1
     maps = tiles.cover(maps, poses[:, :2].min(axis=0) - reach, poses[:, :2].max(axis=0) + reach)
     maps = tiles.own(maps, tiles.touch(maps, poses, beams))
-    tiles.insert(maps, poses, beams)
+    tiles.insert(maps, poses, np.ones(len(poses), bool), beams)
     return maps
 
 

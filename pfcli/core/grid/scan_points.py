@@ -45,7 +45,7 @@ def _points(ranges, angle_min, increment, low, high, mount, stride, clear_m, cel
         index, crowd = k // stride, 1
         while crowd < 8 and index % (2 * crowd) == 0:
             crowd *= 2
-        start = 0.0 if crowd == 8 or spacing == 0.0 else cell_m / (spacing * crowd)
+        start = 0.0 if crowd == 8 or spacing == 0.0 else 0.5 * cell_m / (spacing * crowd)
         skip[count] = min(1.0, start / r)
         count += 1
     return ends[:count], far[:rest], skip[:count], none, invalid

@@ -300,10 +300,11 @@ def _insert_one(tiles, i, pose, beams):  # type: ignore[no-untyped-def]
 
 
 @parallel_kernel
-def insert(tiles, poses, beams):  # type: ignore[no-untyped-def]
-    """Draw a scan into each particle's map, whose touched tiles it must own: free along the beams, hit at their ends."""
+def insert(tiles, poses, chosen, beams):  # type: ignore[no-untyped-def]
+    """Draw a scan into the maps of the chosen particles (n,), whose touched tiles they must own."""
     for i in prange(poses.shape[0]):
-        _insert_one(tiles, i, poses[i], beams)
+        if chosen[i]:
+            _insert_one(tiles, i, poses[i], beams)
 
 
 @inline_kernel

@@ -144,7 +144,8 @@ def _update(
             before = state.pose[ancestors]
             state = _resample(state, ancestors, weights, params, draw, sweep.stamp_ns)
             spread = float(np.sqrt(((state.pose - before)[:, :2] ** 2).sum(axis=1).mean()))
-    state = _insert(state, points, sweep.scan.mount)
+    fits = np.ones(n, bool) if match is None else (match.inliers < 0) | (match.inliers >= params.draw_inliers)
+    state = _insert(state, points, sweep.scan.mount, fits[ancestors])
     state = state._replace(resamplings=state.resamplings + resampled)
     history = state.history
     history.scan_of_update.append(len(history.stamps_ns) - 1)
@@ -202,7 +203,7 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
         return match
     # the loop was missed or a wheel has slipped: such particles look around in their own map, farther
     wide = near._replace(half_xy_m=params.rescue_xy_m)
-    for i in lost:
+    for i in lost.tolist():
         corrections[i] = _look(state.maps, i, predicted[i], thinned, wide)
     return scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
 
@@ -241,13 +242,14 @@ def _resample(
     )
 
 
-def _insert(state: State, points: Points, mount: Pose2) -> State:
+def _insert(state: State, points: Points, mount: Pose2, fits: NDArray[np.bool_]) -> State:
+    """Draw the scan at the dispersed poses (section 2.2, step 6); one that contradicts a particle's map is left out of it."""
     beams = beams_of(points, mount)
     reach = np.hypot(beams.ends[:, 0], beams.ends[:, 1]).max() + tiles.REACH * state.maps.resolution_m
     reach = max(reach, float(np.hypot(*beams.origin))) + state.maps.resolution_m
     maps = tiles.cover(state.maps, state.pose[:, :2].min(axis=0) - reach, state.pose[:, :2].max(axis=0) + reach)
     maps = tiles.own(maps, tiles.touch(maps, state.pose, beams))
-    tiles.insert(maps, state.pose, beams)
+    tiles.insert(maps, state.pose, fits, beams)
     return state._replace(maps=maps)
 
 

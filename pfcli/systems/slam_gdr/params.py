@@ -46,6 +46,9 @@ class Params:
     rescue_inliers: Annotated[
         float, Opt("below this share of beams on known walls every particle searches farther; 0 never", "", 0, 1)
     ] = 0.6
+    draw_inliers: Annotated[
+        float, Opt("a scan with fewer of its beams on known walls is not drawn into that particle's map", "", 0, 1)
+    ] = 0.5
     rescue_xy_m: Annotated[float, Opt("half width of that search", "m", 0.01, 10)] = 0.8
     motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.2
     motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
