@@ -38,6 +38,8 @@ def _kernel_dir() -> Path:
 
 
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_kernel_dir()))
+# idle OpenMP threads spin for milliseconds by default: two runs on two cores then take five times as long as one
+os.environ.setdefault("GOMP_SPINCOUNT", "3000")
 
 import numba  # noqa: E402  (the cache folder has to be known first)
 
