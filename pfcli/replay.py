@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.jit import kernel
-from pfcli.errors import LogError, UsageError, printable
+from pfcli.errors import UsageError, printable
 from pfcli.events import Event, Odometry, Range, Scan, Truth
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
 from pfcli.formats.mcap_records import Batch, Channel, McapFile
@@ -341,16 +341,3 @@ class _Merge:
                 )
             return Scan(*event[:6], mount.pose)
         return event
-
-
-def events(paths: Sequence[Path], roles: Sequence[str], settings: Settings = DEFAULTS) -> Iterator[Event]:
-    """Events of several logs, one after the other (parts of one recording, as rosbag2 splits them)."""
-    last = -(1 << 62)
-    for path in paths:
-        for event in Log(path, settings).events(roles):
-            if event.stamp_ns < last:
-                raise LogError(
-                    f"{path}: begins before the log named in front of it ends; give the parts in order of time"
-                )
-            last = event.stamp_ns
-            yield event

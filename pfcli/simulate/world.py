@@ -12,7 +12,7 @@ from pfcli.formats.map_yaml import GridMap
 
 
 class World(NamedTuple):
-    """walls: (s, 4) segments x1, y1, x2, y2 (m); route: (k, 2) way points of one lap (m); closed: the route is a loop."""
+    """walls: (s, 4) segments x1, y1, x2, y2 (m); route: (k, 2) way points (m)."""
 
     walls: NDArray[np.float64]
     route: NDArray[np.float64]
