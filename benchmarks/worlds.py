@@ -95,28 +95,57 @@ def csail_ate(done: run.Run) -> float:
     reference = csail_reference()
     index = {text: k for k, text in enumerate(done.result.track.columns["source_stamp"])}
     keys = [k for k in reference if k in index]
-    mine, theirs = done.result.track.poses[[index[k] for k in keys]], np.array([reference[k] for k in keys])
-    moved = metrics.compose(metrics.align_se2(mine, theirs)[None], mine)
-    return float(np.sqrt(((moved - theirs)[:, :2] ** 2).sum(axis=1).mean()))
+    return ate(done.result.track.poses[[index[k] for k in keys]], np.array([reference[k] for k in keys]))
 
 
-def csail_reference_doubled() -> float:
-    """Doubled-wall score of the map that the GMapping log draws, at our resolution."""
+def csail_doubled(done: run.Run) -> tuple[float, float]:
+    """Doubled-wall scores of two maps drawn alike from the same scans: at our poses, and at those of the GMapping log.
+
+    The scans are those at which both have a pose of their own (an update, not odometry in between).
+    """
     from pfcli.core.grid import tiles
     from pfcli.core.grid.scan_points import beams_of, points_of
     from pfcli.systems.slam_gdr.filter import grid_of
 
+    track = done.result.track
+    updates = track.columns["update"]
+    mine = {t: p for t, p, u in zip(track.columns["source_stamp"], track.poses, updates, strict=True) if u}
     records, _ = carmen.read(DATA / "mit-csail/csail-corrected.log.gz")
-    maps = tiles.empty(1, 0.05)
-    for r in records:
-        assert r.ranges_m is not None
-        points = points_of(r.ranges_m, r.angles, (0.0, 81.0), r.mount, 1, 0.0, 0.05)
-        pose, reach = np.array([r.odometry]), 83.0
-        maps = tiles.cover(maps, pose[0, :2] - reach, pose[0, :2] + reach)
-        beams = beams_of(points, r.mount)
-        maps = tiles.own(maps, tiles.touch(maps, pose, beams))
-        tiles.insert(maps, pose, np.ones(1, bool), beams)
-    return metrics.doubled_walls(grid_of(maps, 0))
+    shared = [r for r in records if r.stamp in mine]
+    scores = []
+    for poses in (mine, csail_reference()):
+        maps = tiles.empty(1, 0.05)
+        for r in shared:
+            assert r.ranges_m is not None
+            points = points_of(r.ranges_m, r.angles, (0.0, 81.0), r.mount, 1, 0.0, 0.05)
+            pose, reach = np.array([poses[r.stamp]]), 83.0
+            maps = tiles.cover(maps, pose[0, :2] - reach, pose[0, :2] + reach)
+            beams = beams_of(points, r.mount)
+            maps = tiles.own(maps, tiles.touch(maps, pose, beams))
+            tiles.insert(maps, pose, np.ones(1, bool), beams)
+        scores.append(metrics.doubled_walls(grid_of(maps, 0)))
+    return scores[0], scores[1]
+
+
+def csail_other() -> dict[int, tuple[float, float, float]]:
+    """Poses by scan number of the other GMapping track of the recording (agreement, not truth)."""
+    import gzip
+
+    with gzip.open(DATA / "mit-csail/reference.csv.gz", "rt") as file:
+        rows = [line.split(",") for line in file if line[0].isdigit()]
+    return {int(r[0]): (float(r[2]), float(r[3]), float(r[4])) for r in rows if int(r[5])}
+
+
+def ate(mine: np.ndarray, theirs: np.ndarray) -> float:
+    """RMSE of the positions after SE(2) alignment (m)."""
+    moved = metrics.compose(metrics.align_se2(mine, theirs)[None], mine)
+    return float(np.sqrt(((moved - theirs)[:, :2] ** 2).sum(axis=1).mean()))
+
+
+def csail_ate_other(done: run.Run) -> float:
+    """ATE against the other track."""
+    other = {k: p for k, p in csail_other().items() if k < len(done.result.track.poses)}
+    return ate(done.result.track.poses[list(other)], np.array(list(other.values())))
 
 
 def relation_spread(name: str, done: run.Run) -> dict[str, metrics.Spread]:

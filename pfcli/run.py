@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pfcli import __version__, align
-from pfcli.core.jit import set_threads
+from pfcli.core.threads import set_threads
 from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Sweep, Truth
 from pfcli.formats import map_yaml, parquet, tum

@@ -38,35 +38,24 @@ def _kernel_dir() -> Path:
 
 
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_kernel_dir()))
-# idle OpenMP threads spin for milliseconds by default: two runs on two cores then take five times as long as one
-os.environ.setdefault("GOMP_SPINCOUNT", "3000")
 
 import numba  # noqa: E402  (the cache folder has to be known first)
 
-prange = numba.prange
-
 
 def kernel(function: _Function) -> Any:
-    """Compile a serial kernel: IEEE arithmetic, no exceptions on division, cached on disk."""
-    return numba.njit(cache=True, error_model="numpy")(function)
+    """Compile a serial kernel: IEEE arithmetic, no exceptions on division, no GIL, cached on disk.
 
-
-def parallel_kernel(function: _Function) -> Any:
-    """Compile a kernel whose iterations write only their own rows, so that threads cannot change a byte."""
-    return numba.njit(cache=True, error_model="numpy", parallel=True)(function)
+    Where its first arguments are a range of rows `low, high`, `pfcli.core.threads.spread` runs it on all cores.
+    """
+    return numba.njit(cache=True, error_model="numpy", nogil=True)(function)
 
 
 def reduction_kernel(function: _Function) -> Any:
     """Compile sums that LLVM may reorder into vector lanes: the order is fixed when compiling, not by the threads."""
     fast = {"reassoc", "contract", "nsz", "arcp"}
-    return numba.njit(cache=True, error_model="numpy", fastmath=fast)(function)
+    return numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=fast)(function)
 
 
 def inline_kernel(function: _Function) -> Any:
     """Compile a helper of other kernels that LLVM should always inline (a call per beam would dominate)."""
     return numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
-
-
-def set_threads(count: int) -> None:
-    """Use `count` threads in parallel kernels (at most what numba started with)."""
-    numba.set_num_threads(max(1, min(count, numba.config.NUMBA_NUM_THREADS)))

@@ -114,7 +114,7 @@ def test_along_a_corridor_the_odometry_decides() -> None:
 def test_normals_are_across_the_walls() -> None:
     ranges = _scan(np.array([4.0, 2.5, 0.0]), np.random.default_rng(0), 0.0)
     points = _points(ranges).ends
-    normals = scan_match.surface_normals(points, 0.15, 0.1)
+    normals = scan_match.surface_normals(points, 0.15, 0.1, 0.3)
     on_wall = np.abs(points[:, 1] + 2.5) < 1e-6
     assert normals[on_wall][:, 2].mean() > 0.9
     clear = on_wall & (normals[:, 2] > 0) & (np.abs(points[:, 0]) > 0.3)
@@ -122,14 +122,24 @@ def test_normals_are_across_the_walls() -> None:
     assert np.abs(normals[away][:, 1]).min() > 0.99
 
 
+def test_a_wide_beam_says_little_of_a_wall_seen_at_grazing_incidence() -> None:
+    bearings = np.radians(np.array([80.0, 79.0, 78.0, 12.0, 11.9, 11.8]))
+    points = np.stack([1.0 / np.tan(bearings), np.ones(6)], 1)
+    normals = scan_match.surface_normals(points, 0.15, 0.1, 0.01 / 0.03)
+    assert normals[:, 2].all()
+    assert normals[1, 3] == pytest.approx(1 / (1 + (0.01 / 0.03 / np.tan(bearings[1])) ** 2))
+    assert normals[4, 3] == pytest.approx(1 / (1 + (0.01 / 0.03 / np.tan(bearings[4])) ** 2))
+    assert normals[4, 3] < 0.35 < 0.95 < normals[1, 3]
+
+
 def test_log_likelihood_equals_its_five_line_definition(room: tiles.Tiles) -> None:
     m = scan_match.Matcher()
     rng = np.random.default_rng(4)
     pose = np.array([4.1, 2.4, 0.3])
     points = _points(_scan(pose, rng)).ends
-    normals = scan_match.surface_normals(points, 0.15, 0.1)
+    normals = scan_match.surface_normals(points, 0.15, 0.1, 0.3)
     total = 0.0
-    for (px, py), (nx, ny, line) in zip(points, normals, strict=True):
+    for (px, py), (nx, ny, line, weight) in zip(points, normals, strict=True):
         c, s = np.cos(pose[2]), np.sin(pose[2])
         w = np.array([pose[0] + c * px - s * py, pose[1] + s * px + c * py])
         g = w / 0.05 - room.corner * tiles.SIDE
@@ -141,7 +151,7 @@ def test_log_likelihood_equals_its_five_line_definition(room: tiles.Tiles) -> No
         n = np.array([c * nx - s * ny, s * nx + c * ny]) if line else np.array([1.0, 0.0])
         along = m.tangent if line else 1.0
         r2 = (n @ e) ** 2 + along * (n[0] * e[1] - n[1] * e[0]) ** 2
-        total += np.log((1 - m.z_rand) * np.exp(-0.5 * r2 / m.sigma_m**2) + m.z_rand)
+        total += np.log((1 - m.z_rand) * np.exp(-0.5 * weight * r2 / m.sigma_m**2) + m.z_rand)
     assert scan_match.log_likelihood(room, 0, pose, points, normals, m.sigma_m, m, 1) == pytest.approx(m.gain * total)
 
 

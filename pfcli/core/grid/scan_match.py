@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import cholesky3, solve3, wrap
 from pfcli.core.grid.tiles import BITS, NONE, REACH, SIDE, Tiles, nearest_surface
-from pfcli.core.jit import kernel, parallel_kernel, prange, reduction_kernel
+from pfcli.core.jit import kernel, reduction_kernel
+from pfcli.core.threads import spread
 
 NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
 _SLIPPED = 2.0
@@ -28,7 +29,8 @@ class Matcher(NamedTuple):
     gain: how many independent beams one beam is worth; tangent: weight of the residual along the surface;
     z_rand: floor of a beam's likelihood; z_unknown: likelihood of a beam that ends in unknown cells;
     iterations: at most, in both stages together; coarse_xy_m, coarse_yaw_rad: half widths of the coarse search;
-    slip: probability that the odometry says nothing.
+    slip: probability that the odometry says nothing; beam_width_rad: spot of a beam, which blurs a surface seen at
+    grazing incidence.
     """
 
     sigma_m: float = 0.03
@@ -41,6 +43,7 @@ class Matcher(NamedTuple):
     coarse_xy_m: float = 0.3
     coarse_yaw_rad: float = 0.35
     slip: float = 1e-4
+    beam_width_rad: float = 0.01
 
 
 class Match(NamedTuple):
@@ -56,26 +59,27 @@ class Match(NamedTuple):
 
 
 @kernel
-def surface_normals(points, reach_m, max_gap):  # type: ignore[no-untyped-def]
+def surface_normals(points, reach_m, max_gap, blur):  # type: ignore[no-untyped-def]
     """Unit normals of the surface at each end point, from a line fitted to its neighbours in the scan.
 
     points: (b, 2) in beam order (m). Neighbours count while they are within `reach_m` of the point (or are its
     direct neighbours) and no step between two of them exceeds `max_gap` times the point's range (a depth edge).
-    Returns (b, 3): normal and 1, or 0 where no line is certain.
+    Returns (b, 4): normal, 1 (or 0 where no line is certain), and the weight 1 / (1 + (blur r sin i)^2): what a beam of
+    some width says of a surface at incidence i falls off with range r (blur: width in rad over sigma in m).
     """
     n = points.shape[0]
-    out = np.zeros((n, 3))
+    out = np.zeros((n, 4))
     for b in range(n):
         x0, y0 = points[b]
-        edge = max(0.1, max_gap * np.hypot(x0, y0))
+        reach2 = x0 * x0 + y0 * y0
+        edge2, wide2 = max(0.01, max_gap * max_gap * reach2), reach_m * reach_m
+        out[b, 3] = 1.0
         count, sx, sy, sxx, sxy, syy = 1, 0.0, 0.0, 0.0, 0.0, 0.0
         for side in (-1, 1):
             k, px, py = b + side, x0, y0
             while 0 <= k < n and abs(k - b) <= 12:
-                dx, dy = points[k, 0] - x0, points[k, 1] - y0
-                if np.hypot(points[k, 0] - px, points[k, 1] - py) > edge:
-                    break
-                if abs(k - b) > 1 and np.hypot(dx, dy) > reach_m:
+                dx, dy, gx, gy = points[k, 0] - x0, points[k, 1] - y0, points[k, 0] - px, points[k, 1] - py
+                if gx * gx + gy * gy > edge2 or (abs(k - b) > 1 and dx * dx + dy * dy > wide2):
                     break
                 count += 1
                 sx += dx
@@ -94,6 +98,8 @@ def surface_normals(points, reach_m, max_gap):  # type: ignore[no-untyped-def]
             continue
         angle = 0.5 * np.arctan2(2 * cxy, cxx - cyy)
         out[b, 0], out[b, 1], out[b, 2] = -np.sin(angle), np.cos(angle), 1.0
+        across = out[b, 0] * x0 + out[b, 1] * y0
+        out[b, 3] = 1.0 / (1.0 + blur * blur * max(0.0, reach2 - across * across))
     return out
 
 
@@ -101,8 +107,8 @@ def surface_normals(points, reach_m, max_gap):  # type: ignore[no-untyped-def]
 def _correspond(tiles, i, pose, points, normals, stride, work):  # type: ignore[no-untyped-def]
     """Look up the surface point of every stride-th end point.
 
-    work: (12, b), filled with error x, y; lever x, y; normal x, y; weight along the surface. Returns (pairs, end
-    points on known map).
+    work: (9, b), filled with error x, y; lever x, y; normal x, y; whether the normal is certain; weight. Returns (pairs,
+    end points on known map).
     """
     per_cell, cell_m = 1.0 / tiles.resolution_m, tiles.resolution_m
     ox, oy = tiles.corner[0] * SIDE, tiles.corner[1] * SIDE
@@ -120,7 +126,7 @@ def _correspond(tiles, i, pose, points, normals, stride, work):  # type: ignore[
         work[2, count], work[3, count] = rx, ry
         work[4, count] = cos * normals[b, 0] - sin * normals[b, 1]
         work[5, count] = sin * normals[b, 0] + cos * normals[b, 1]
-        work[6, count] = normals[b, 2]
+        work[6, count], work[7, count] = normals[b, 2], normals[b, 3]
         count += 1
     return count, known
 
@@ -139,7 +145,7 @@ def _accumulate(work, count, scale_m, sigma_m, tangent, sums):  # type: ignore[n
         r2 = en * en + along * et * et
         inliers += 1.0 if r2 < near else 0.0
         w = c2 / (c2 + r2)
-        a = w * w
+        a = w * w * work[7, k]
         c = a * along
         jn, jt = nx * ry * -1.0 + ny * rx, ny * ry + nx * rx
         h00 += a * nx * nx + c * ny * ny
@@ -159,7 +165,7 @@ def _accumulate(work, count, scale_m, sigma_m, tangent, sums):  # type: ignore[n
 def _linearise(tiles, i, pose, points, normals, stride, scale_m, m, work, hessian, gradient):  # type: ignore[no-untyped-def]
     """Normal equations at `pose`, scaled to information; returns the inlier share (-1 where all is unknown)."""
     count, known = _correspond(tiles, i, pose, points, normals, stride, work)
-    sums = work[7]
+    sums = work[8]
     _accumulate(work, count, scale_m, m.sigma_m, m.tangent, sums)
     s = stride * m.gain / (m.sigma_m * m.sigma_m)
     hessian[0, 0], hessian[1, 1], hessian[2, 2] = s * sums[0], s * sums[3], s * sums[5]
@@ -177,16 +183,16 @@ def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type
     ox, oy = tiles.corner[0] * SIDE, tiles.corner[1] * SIDE
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     half_precision = 0.5 / (scale_m * scale_m)
-    total = 0.0
+    total, product = 0.0, 1.0  # a logarithm a beam would cost half of the whole
     for b in range(0, points.shape[0], stride):
         wx = pose[0] + cos * points[b, 0] - sin * points[b, 1]
         wy = pose[1] + sin * points[b, 0] + cos * points[b, 1]
         state, mx, my = nearest_surface(tiles, i, wx * per_cell - ox, wy * per_cell - oy)
-        if state == 0:
-            total += np.log(m.z_unknown)
-            continue
-        if state == 1:
-            total += np.log(m.z_rand)
+        if product < 1e-200:
+            total += np.log(product)
+            product = 1.0
+        if state < 2:
+            product *= m.z_rand if state else m.z_unknown
             continue
         ex, ey = (mx + ox) * cell_m - wx, (my + oy) * cell_m - wy
         nx = cos * normals[b, 0] - sin * normals[b, 1]
@@ -195,8 +201,9 @@ def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type
         if normals[b, 2] == 0.0:
             nx, ny, along = 1.0, 0.0, 1.0
         en, et = nx * ex + ny * ey, -ny * ex + nx * ey
-        total += np.log((1.0 - m.z_rand) * np.exp(-(en * en + along * et * et) * half_precision) + m.z_rand)
-    return m.gain * stride * total
+        q = (en * en + along * et * et) * half_precision * normals[b, 3]
+        product *= (1.0 - m.z_rand) * np.exp(-q) + m.z_rand
+    return m.gain * stride * (total + np.log(product))
 
 
 @kernel
@@ -264,14 +271,12 @@ def _coarse_score(tiles, i, x, y, rotated, precision):  # type: ignore[no-untype
         if tile < 0:
             total += 0.3
             continue
-        cell = ((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1))
-        dx = np.int64(tiles.near[tile, cell, 0])
-        if dx == NONE:
-            if tiles.counts[tile, cell, 0] == 0:
-                total += 0.3
-            continue
-        dy = np.int64(tiles.near[tile, cell, 1])
-        total += precision[dx * dx + dy * dy]
+        at, cell = np.uintp(tile), np.uintp(((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1)))
+        square = tiles.far[at, cell]
+        if square != NONE:
+            total += precision[square]
+        elif tiles.counts[at, cell] == 0:
+            total += 0.3
     return total / rotated.shape[0]
 
 
@@ -310,17 +315,17 @@ def _search_yaw(tiles, i, start, points, window, table, turn, out):  # type: ign
                 out[0], out[1], out[2] = score, dx, dy
 
 
-@parallel_kernel
-def _search(tiles, i, start, points, window, table, out):  # type: ignore[no-untyped-def]
+@kernel
+def _search_rows(low, high, tiles, i, start, points, window, table, out):  # type: ignore[no-untyped-def]
     half = out.shape[0] // 2
-    for a in prange(out.shape[0]):
+    for a in range(low, high):
         _search_yaw(tiles, i, start, points, window, table, (a - half) * window.step_yaw_rad, out[a])
 
 
 @functools.cache
 def _likelihoods(cells: float) -> NDArray[np.float64]:
     """exp(-d^2 / 2) by squared distance in cells, each `cells` standard deviations wide."""
-    return np.array([math.exp(-0.5 * k * cells * cells) for k in range(2 * REACH * REACH + 1)])
+    return np.array([math.exp(-0.5 * k * cells * cells) for k in range(REACH * REACH + 1)])
 
 
 def coarse(
@@ -332,7 +337,8 @@ def coarse(
     """
     half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
     out = np.empty((2 * half + 1, 4))
-    _search(tiles, i, start, points, window, _likelihoods(tiles.resolution_m / window.sigma_m), out)
+    table = _likelihoods(tiles.resolution_m / window.sigma_m)
+    spread(_search_rows, 2 * half + 1, tiles, i, start, points, window, table, out)
     best = int(np.argmax(out[:, 0]))
     correction = np.array([out[best, 1], out[best, 2], (best - half) * window.step_yaw_rad])
     return correction, float(out[best, 0] - out[half, 3])
@@ -341,7 +347,7 @@ def coarse(
 @kernel
 def _match_one(tiles, i, prior, information, correction, points, normals, m, pose, hessian, out):  # type: ignore[no-untyped-def]
     """Refine from the odometry and, where a correction is offered, from there; keep what explains scan and motion best."""
-    work = np.empty((8, max(10, points.shape[0])))
+    work = np.empty((9, max(10, points.shape[0])))
     pose[:] = prior
     out[2] = _refine(tiles, i, pose, prior, information, 1.0, points, normals, m, work, hessian)
     out[0] = log_likelihood(tiles, i, pose, points, normals, m.sigma_m, m, 1)
@@ -368,9 +374,9 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
         out[0], out[1], out[2], out[3] = found, before, inliers, 1.0
 
 
-@parallel_kernel
-def _match_all(tiles, priors, information, corrections, points, normals, m, poses, hessians, out):  # type: ignore[no-untyped-def]
-    for i in prange(priors.shape[0]):
+@kernel
+def _match_rows(low, high, tiles, priors, information, corrections, points, normals, m, poses, hessians, out):  # type: ignore[no-untyped-def]
+    for i in range(low, high):
         _match_one(tiles, i, priors[i], information, corrections[i], points, normals, m, poses[i], hessians[i], out[i])
 
 
@@ -388,7 +394,7 @@ def match(
     second starts in the frames of the first, all zero for none; points: (b, 2) end points in the base frame.
     """
     n = priors.shape[0]
-    normals = surface_normals(points, NORMAL_REACH_M, NORMAL_GAP)
+    normals = surface_normals(points, NORMAL_REACH_M, NORMAL_GAP, m.beam_width_rad / m.sigma_m)
     poses, hessians, out = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 4))
-    _match_all(tiles, priors, information, corrections, points, normals, m, poses, hessians, out)
+    spread(_match_rows, n, tiles, priors, information, corrections, points, normals, m, poses, hessians, out)
     return Match(poses, hessians, out[:, 0], out[:, 1], out[:, 2], out[:, 3])

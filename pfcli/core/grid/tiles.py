@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.jit import inline_kernel, kernel, parallel_kernel, prange
+from pfcli.core.jit import inline_kernel, kernel
+from pfcli.core.threads import spread
 
 BITS = 5
 SIDE = 1 << BITS
@@ -22,6 +23,7 @@ REACH = 8
 """Cells up to which the nearest occupied cell is known (0.4 m at 0.05 m)."""
 _SATURATED = 254
 _STEP = 1.0 / 254.0
+_ONE = 4294967296.0
 
 
 class Tiles(NamedTuple):
@@ -29,10 +31,12 @@ class Tiles(NamedTuple):
 
     index: int32 (n, rows, cols), tile number or -1; corner: int64 (2,), tile coordinates of index[:, 0, 0];
     refs: int32 (capacity,); free: int32 (capacity,), a stack; top: int64 (1,), its height;
-    counts: uint8 (capacity, 1024, 2), visits and hits; mean: float32 (capacity, 1024, 2), in cells from the cell's corner;
-    near: int8 (capacity, 1024, 2), offset in cells to the nearest occupied cell, NONE where there is none in reach;
+    counts: uint16 (capacity, 1024), visits in the low byte and hits in the high one;
+    mean: float32 (capacity, 1024, 2), in cells from the cell's corner;
+    near: int8 (capacity, 1024, 2), offset in cells to the nearest occupied cell; far: uint8 (capacity, 1024), its square,
+    NONE where there is none in reach;
     surface: uint8 (capacity, 1024, 2), the mean in 1/254 cell, FREE where the cell is not occupied. Matching reads
-    only `near` and `surface` (4 KiB a tile, so that what a scan sees stays in the cache).
+    only `near`, `far` and `surface` (5 KiB a tile, so that what a scan sees stays in the cache).
     """
 
     index: NDArray[np.int32]  # type: ignore[assignment]  # shadows tuple.index, which nobody calls
@@ -40,9 +44,10 @@ class Tiles(NamedTuple):
     refs: NDArray[np.int32]
     free: NDArray[np.int32]
     top: NDArray[np.int64]
-    counts: NDArray[np.uint8]
+    counts: NDArray[np.uint16]
     mean: NDArray[np.float32]
     near: NDArray[np.int8]
+    far: NDArray[np.uint8]
     surface: NDArray[np.uint8]
     resolution_m: float
 
@@ -55,9 +60,10 @@ def empty(n: int, resolution_m: float, capacity: int = 1024) -> Tiles:
         refs=np.zeros(capacity, np.int32),
         free=np.arange(capacity, dtype=np.int32)[::-1].copy(),
         top=np.array([capacity], np.int64),
-        counts=np.zeros((capacity, CELLS, 2), np.uint8),
+        counts=np.zeros((capacity, CELLS), np.uint16),
         mean=np.zeros((capacity, CELLS, 2), np.float32),
-        near=np.full((capacity, CELLS, 2), NONE, np.int8),
+        near=np.zeros((capacity, CELLS, 2), np.int8),
+        far=np.full((capacity, CELLS), NONE, np.uint8),
         surface=np.full((capacity, CELLS, 2), FREE, np.uint8),
         resolution_m=resolution_m,
     )
@@ -96,6 +102,7 @@ def _with_room(tiles: Tiles, needed: int) -> Tiles:
         counts=_grown(tiles.counts, new),
         mean=_grown(tiles.mean, new),
         near=_grown(tiles.near, new),
+        far=_grown(tiles.far, new),
         surface=_grown(tiles.surface, new),
     )
 
@@ -111,17 +118,17 @@ def _grown(array: NDArray[Any], capacity: int) -> NDArray[Any]:
 def resample(tiles: Tiles, ancestors: NDArray[np.int64]) -> Tiles:
     """Give particle i the tiles of particle ancestors[i]: tables are copied, tiles are shared."""
     index = tiles.index[ancestors]
-    _recount(tiles.index, index, tiles.refs, tiles.free, tiles.top)
+    _recount(tiles.index.ravel(), index.ravel(), tiles.refs, tiles.free, tiles.top)
     return tiles._replace(index=index)
 
 
 @kernel
 def _recount(old, new, refs, free, top):  # type: ignore[no-untyped-def]
-    """Move the reference counts from the old tables to the new ones; tiles nobody holds go back to the stack."""
-    for tile in new.ravel():
+    """Move the reference counts from the old tables (flat) to the new; tiles nobody holds go back to the stack."""
+    for tile in new:
         if tile >= 0:
             refs[tile] += 1
-    for tile in old.ravel():
+    for tile in old:
         if tile >= 0:
             refs[tile] -= 1
             if refs[tile] == 0:
@@ -134,48 +141,48 @@ def own(tiles: Tiles, touched: NDArray[np.uint8]) -> Tiles:
 
     touched: uint8 (n, rows, cols), as `touch` marks it.
     """
-    foreign = _foreign(tiles.index, tiles.refs, touched)
+    foreign = _foreign(tiles.index.ravel(), tiles.refs, touched.ravel())
     if foreign.size:
         tiles = _with_room(tiles, foreign.size)
-        _take_ownership(tiles, foreign)
+        _take_ownership(tiles, tiles.index.ravel(), foreign)
     return tiles
 
 
 @kernel
-def _foreign(index, refs, touched):  # type: ignore[no-untyped-def]
+def _foreign(flat, refs, marks):  # type: ignore[no-untyped-def]
     """Flat table positions that are touched but not the particle's own."""
-    flat, marks = index.ravel(), touched.ravel()
     out = np.empty(flat.size, np.int64)
     count = 0
     for k in range(flat.size):
         if marks[k] and (flat[k] < 0 or refs[flat[k]] > 1):
             out[count] = k
             count += 1
-    return out[:count].copy()
+    return out[:count]
 
 
 @kernel
 def _clear(tiles, tile):  # type: ignore[no-untyped-def]
     for k in range(CELLS):
+        tiles.counts[tile, k] = 0
+        tiles.far[tile, k] = NONE
         for c in range(2):
-            tiles.counts[tile, k, c] = 0
-            tiles.near[tile, k, c] = NONE
             tiles.surface[tile, k, c] = FREE
 
 
 @kernel
 def _copy(tiles, old, new):  # type: ignore[no-untyped-def]
     for k in range(CELLS):
+        tiles.counts[new, k] = tiles.counts[old, k]
+        tiles.far[new, k] = tiles.far[old, k]
         for c in range(2):
-            tiles.counts[new, k, c] = tiles.counts[old, k, c]
             tiles.mean[new, k, c] = tiles.mean[old, k, c]
             tiles.near[new, k, c] = tiles.near[old, k, c]
             tiles.surface[new, k, c] = tiles.surface[old, k, c]
 
 
 @kernel
-def _take_ownership(tiles, foreign):  # type: ignore[no-untyped-def]
-    flat = tiles.index.reshape(tiles.index.size)
+def _take_ownership(tiles, flat, foreign):  # type: ignore[no-untyped-def]
+    """Give each foreign position of the flat table a tile of its own."""
     for k in foreign:
         old = flat[k]
         if old >= 0 and tiles.refs[old] == 1:
@@ -205,13 +212,12 @@ def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
     tile = tiles.index[i, ty, tx]
     if tile < 0:
         return 0, 0.0, 0.0
-    cell = ((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1))
-    dx = np.int64(tiles.near[tile, cell, 0])
-    if dx == NONE:
-        return (1 if tiles.counts[tile, cell, 0] > 0 else 0), 0.0, 0.0
-    jx, jy = ix + dx, iy + np.int64(tiles.near[tile, cell, 1])
-    tile = tiles.index[i, jy >> BITS, jx >> BITS]
-    there = ((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1))
+    at, cell = np.uintp(tile), np.uintp(((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1)))
+    if tiles.far[at, cell] == NONE:
+        return (1 if tiles.counts[at, cell] > 0 else 0), 0.0, 0.0
+    jx, jy = ix + np.int64(tiles.near[at, cell, 0]), iy + np.int64(tiles.near[at, cell, 1])
+    tile = np.uintp(tiles.index[i, jy >> BITS, jx >> BITS])
+    there = np.uintp(((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1)))
     sx = tiles.surface[tile, there, 0]
     if sx == FREE:
         return 1, 0.0, 0.0
@@ -246,9 +252,9 @@ def _touch_one(corner, resolution_m, pose, beams, touched):  # type: ignore[no-u
                     touched[ty, tx] = 1
 
 
-@parallel_kernel
-def _touch_all(corner, resolution_m, poses, beams, touched):  # type: ignore[no-untyped-def]
-    for i in prange(poses.shape[0]):
+@kernel
+def _touch_rows(low, high, corner, resolution_m, poses, beams, touched):  # type: ignore[no-untyped-def]
+    for i in range(low, high):
         _touch_one(corner, resolution_m, poses[i], beams, touched[i])
 
 
@@ -258,7 +264,7 @@ def touch(tiles: Tiles, poses: NDArray[np.float64], beams: Beams) -> NDArray[np.
     poses: (n, 3) of the base in the map frame (m, rad). Returns uint8 (n, rows, cols).
     """
     touched = np.zeros(tiles.index.shape, np.uint8)
-    _touch_all(tiles.corner, tiles.resolution_m, poses, beams, touched)
+    spread(_touch_rows, poses.shape[0], tiles.corner, tiles.resolution_m, poses, beams, touched)
     return touched
 
 
@@ -299,47 +305,69 @@ def _insert_one(tiles, i, pose, beams):  # type: ignore[no-untyped-def]
             _hit(tiles, i, ex, ey)
 
 
-@parallel_kernel
-def insert(tiles, poses, chosen, beams):  # type: ignore[no-untyped-def]
-    """Draw a scan into the maps of the chosen particles (n,), whose touched tiles they must own."""
-    for i in prange(poses.shape[0]):
+@kernel
+def _insert_rows(low, high, tiles, poses, chosen, beams):  # type: ignore[no-untyped-def]
+    for i in range(low, high):
         if chosen[i]:
             _insert_one(tiles, i, poses[i], beams)
 
 
-@inline_kernel
+def insert(tiles: Tiles, poses: NDArray[np.float64], chosen: NDArray[np.bool_], beams: Beams) -> None:
+    """Draw a scan into the maps of the chosen particles (n,), whose touched tiles they must own."""
+    spread(_insert_rows, poses.shape[0], tiles, poses, chosen, beams)
+
+
+@kernel
 def _pass_through(tiles, i, x, y, dx, dy):  # type: ignore[no-untyped-def]
-    """Count a visit in one cell per step of the beam's longer axis, but its last (Bresenham's choice of cells)."""
+    """Count a visit in one cell per step of the beam's longer axis, but its last (Bresenham's choice of cells).
+
+    The shorter axis runs in fixed point (2^32 a cell), tile by tile, so that the inner loop neither converts nor checks.
+    """
     steep = abs(dy) > abs(dx)
     if steep:
         x, y, dx, dy = y, x, dy, dx
-    first = int(x)
-    steps = abs(int(x + dx) - first)
-    if steps == 0:
+    u = int(x)
+    left = abs(int(x + dx) - u)
+    if left == 0:
         return
     step = 1 if dx > 0 else -1
     slope = dy / abs(dx)
-    v = y + ((first + 0.5 - x) * step) * slope
-    u, tu, tv, tile = first, -1, -1, 0
-    for _ in range(steps):
-        w = int(v)
-        if (u >> BITS) != tu or (w >> BITS) != tv:
-            tu, tv = u >> BITS, w >> BITS
-            tile = tiles.index[i, tu, tv] if steep else tiles.index[i, tv, tu]
-        cell = (
-            (((u & (SIDE - 1)) << BITS) | (w & (SIDE - 1)))
-            if steep
-            else (((w & (SIDE - 1)) << BITS) | (u & (SIDE - 1)))
-        )
-        seen, hits = np.int64(tiles.counts[tile, cell, 0]) + 1, np.int64(tiles.counts[tile, cell, 1])
-        if hits > 0 and 4 * hits <= seen:
-            tiles.surface[tile, cell, 0] = FREE
-        if seen > _SATURATED:
-            tiles.counts[tile, cell, 1] = hits >> 1
-            seen >>= 1
-        tiles.counts[tile, cell, 0] = seen
-        u += step
-        v += slope
+    rise = int(slope * _ONE)
+    v = int((y + ((u + 0.5 - x) * step) * slope) * _ONE)
+    shift_u, shift_v = (BITS, 0) if steep else (0, BITS)
+    while left > 0:
+        tu, tv = u >> BITS, v >> (32 + BITS)
+        tile = np.uintp(tiles.index[i, tu, tv] if steep else tiles.index[i, tv, tu])
+        iu = u & (SIDE - 1)
+        run = min(left, SIDE - iu if step > 0 else iu + 1)
+        if rise > 0:
+            run = min(run, (((tv + 1) << (32 + BITS)) - v + rise - 1) // rise)
+        elif rise < 0:
+            run = min(run, (v - (tv << (32 + BITS))) // -rise + 1)
+        u += step * run
+        left -= run
+        for _ in range(run):
+            cell = np.uintp((iu << shift_u) | (((v >> 32) & (SIDE - 1)) << shift_v))
+            iu += step
+            v += rise
+            before = tiles.counts[tile, cell]
+            if before < _SATURATED:  # never hit: nearly all cells
+                tiles.counts[tile, cell] = before + np.uint16(1)
+            else:
+                _visit_hit(tiles, tile, cell)
+
+
+@kernel
+def _visit_hit(tiles, tile, cell):  # type: ignore[no-untyped-def]
+    """Count a visit in a cell that was hit before, or that is full."""
+    before = np.int64(tiles.counts[tile, cell])
+    seen, hits = (before & 255) + 1, before >> 8
+    if 4 * hits <= seen:
+        tiles.surface[tile, cell, 0] = FREE
+    if seen > _SATURATED:
+        hits >>= 1
+        seen >>= 1
+    tiles.counts[tile, cell] = np.uint16(hits << 8 | seen)
 
 
 @kernel
@@ -348,11 +376,12 @@ def _hit(tiles, i, x, y):  # type: ignore[no-untyped-def]
     cx, cy = int(np.floor(x)), int(np.floor(y))
     tile = tiles.index[i, cy >> BITS, cx >> BITS]
     cell = ((cy & (SIDE - 1)) << BITS) | (cx & (SIDE - 1))
-    visits, hits = np.int64(tiles.counts[tile, cell, 0]) + 1, np.int64(tiles.counts[tile, cell, 1]) + 1
+    before = np.int64(tiles.counts[tile, cell])
+    visits, hits = (before & 255) + 1, (before >> 8) + 1
     if visits > _SATURATED:
         hits >>= 1
         visits >>= 1
-    tiles.counts[tile, cell, 0], tiles.counts[tile, cell, 1] = visits, hits
+    tiles.counts[tile, cell] = np.uint16(hits << 8 | visits)
     if hits == 1:
         tiles.mean[tile, cell, 0] = x - cx
         tiles.mean[tile, cell, 1] = y - cy
@@ -367,33 +396,47 @@ def _hit(tiles, i, x, y):  # type: ignore[no-untyped-def]
     # a neighbour may still point at a nearer cell that has become free: announce this one again now and then
     heal = hits == 8 or hits == 64 or hits == 512
     if fresh or heal:
-        _announce(tiles, i, cx, cy, heal)
+        if heal:
+            _forget_freed(tiles, i, cx, cy)
+        _announce(tiles, i, cx, cy)
 
 
 @kernel
-def _announce(tiles, i, cx, cy, heal):  # type: ignore[no-untyped-def]
-    """Point the cells within REACH at the occupied cell (cx, cy) unless they know a nearer one (one still occupied)."""
+def _announce(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
+    """Point the cells within REACH at the occupied cell (cx, cy) unless they know a nearer one."""
     for dy in range(-REACH, REACH + 1):
-        y = cy + dy
-        half = int(np.sqrt(REACH * REACH - dy * dy))
+        y, high = cy + dy, dy * dy
+        half = int(np.sqrt(REACH * REACH - high))
         row = (y & (SIDE - 1)) << BITS
         x, last = cx - half, cx + half
         while x <= last:
-            tile = tiles.index[i, y >> BITS, x >> BITS]
+            tile = np.uintp(tiles.index[i, y >> BITS, x >> BITS])
             stop = min(last, x | (SIDE - 1))
-            for px in range(x, stop + 1):
-                cell, dx = row | (px & (SIDE - 1)), px - cx
-                nx, ny = np.int64(tiles.near[tile, cell, 0]), np.int64(tiles.near[tile, cell, 1])
-                nearer = nx != NONE and nx * nx + ny * ny <= dx * dx + dy * dy
-                if nearer and heal:
-                    ox, oy = px + nx, y + ny
-                    other = tiles.index[i, oy >> BITS, ox >> BITS]
-                    k = ((oy & (SIDE - 1)) << BITS) | (ox & (SIDE - 1))
-                    nearer = tiles.surface[other, k, 0] != FREE
-                if not nearer:
+            first = np.uintp(row | (x & (SIDE - 1)))
+            for k in range(stop - x + 1):
+                dx = x + k - cx
+                cell = first + np.uintp(k)
+                square = np.uint8(dx * dx + high)
+                if square < tiles.far[tile, cell]:
+                    tiles.far[tile, cell] = square
                     tiles.near[tile, cell, 0] = -dx
                     tiles.near[tile, cell, 1] = -dy
             x = stop + 1
+
+
+@kernel
+def _forget_freed(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
+    """Cells around (cx, cy) whose nearest occupied cell has become free know none any more."""
+    for y in range(cy - REACH, cy + REACH + 1):
+        for x in range(cx - REACH, cx + REACH + 1):
+            tile = tiles.index[i, y >> BITS, x >> BITS]
+            cell = ((y & (SIDE - 1)) << BITS) | (x & (SIDE - 1))
+            if tiles.far[tile, cell] == NONE or (x - cx) ** 2 + (y - cy) ** 2 > REACH * REACH:
+                continue
+            ox, oy = x + np.int64(tiles.near[tile, cell, 0]), y + np.int64(tiles.near[tile, cell, 1])
+            other = tiles.index[i, oy >> BITS, ox >> BITS]
+            if tiles.surface[other, ((oy & (SIDE - 1)) << BITS) | (ox & (SIDE - 1)), 0] == FREE:
+                tiles.far[tile, cell] = NONE
 
 
 @kernel
@@ -407,7 +450,7 @@ def classify(tiles, i):  # type: ignore[no-untyped-def]
             if tile < 0:
                 continue
             for k in range(CELLS):
-                if tiles.counts[tile, k, 0] > 0:
+                if tiles.counts[tile, k] > 0:
                     occupied = tiles.surface[tile, k, 0] != FREE
                     out[r * SIDE + (k >> BITS), c * SIDE + (k & (SIDE - 1))] = 1 if occupied else 0
     return out

@@ -190,6 +190,7 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
         gain=params.beam_gain,
         coarse_xy_m=params.coarse_xy_m,
         coarse_yaw_rad=float(np.radians(params.coarse_yaw_deg)),
+        beam_width_rad=float(np.radians(params.beam_width_deg)),
     )
     predicted = compose(state.pose, moved.reshape(1, 3))
     prior = information(moved, noise)

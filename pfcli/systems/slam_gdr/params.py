@@ -32,6 +32,9 @@ class Params:
         float, Opt("how far a beam without a return clears the map; 0 leaves it out", "m", 0, 1000)
     ] = 0.0
     sigma_hit_m: Annotated[float, Opt("spread of end points across a surface", "m", 1e-3, 1)] = 0.03
+    beam_width_deg: Annotated[float, Opt("spot of a beam: blurs surfaces seen at grazing incidence", "deg", 0, 10)] = (
+        0.57
+    )
     match_width_m: Annotated[float, Opt("scale of the robust matching cost at its start", "m", 0.01, 2)] = 0.3
     beam_gain: Annotated[float, Opt("how many independent beams one beam is worth", "", 1e-4, 10)] = 0.3
     evidence_gain: Annotated[
