@@ -10,6 +10,7 @@ import click
 from pfcli.align import SOURCES, Drive
 from pfcli.errors import LogError, UsageError, reason
 from pfcli.formats.messages import ROLES
+from pfcli.initial import Initial, parse
 from pfcli.params import build, fields
 from pfcli.replay import Settings
 
@@ -95,6 +96,38 @@ def drive_of(wheel_joints: str | None, radius: tuple[float, ...], track: float) 
         joints = (parts[0], parts[1])
     left, right = (radius[0], radius[-1]) if radius else (0.0, 0.0)
     return Drive(joints, left, right, track)
+
+
+def localiser_options(wanted: bool) -> Callable[[_Command], _Command]:
+    """Options of the systems that localise in a map."""
+
+    def add(command: _Command) -> _Command:
+        if not wanted:
+            return command
+        for option in (
+            click.option(
+                "--heading-prior", metavar="YAW[,SD]", default=None, help="Heading at the start and its spread (rad)."
+            ),
+            click.option(
+                "--initial",
+                metavar="START",
+                default="unknown",
+                show_default=True,
+                help="unknown, inside, outside, X,Y,YAW[,SDX,SDY,SDYAW] or region:MAP.yaml.",
+            ),
+            click.option(
+                "--map", "map_file", type=click.Path(path_type=Path), required=True, help="Map YAML to localise in."
+            ),
+        ):
+            command = option(command)
+        return command
+
+    return add
+
+
+def initial_of(given: dict[str, Any]) -> Initial:
+    """Start of a localiser; systems without a map have none."""
+    return parse(given["initial"], given["heading_prior"]) if "initial" in given else Initial()
 
 
 def reading_options(command: _Command) -> _Command:

@@ -5,14 +5,20 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 SYSTEMS = {
+    "localize-partial": "pfcli.systems.localize_partial.filter:SYSTEM",
     "slam-gdr": "pfcli.systems.slam_gdr.filter:SYSTEM",
 }
 
 PARAMS = {
+    "localize-partial": "pfcli.systems.localize_partial.params:Params",
     "slam-gdr": "pfcli.systems.slam_gdr.params:Params",
 }
 
+LOCALISERS = frozenset({"localize-partial"})
+"""Systems that need a map and a start: their commands have --map, --initial and --heading-prior."""
+
 SUMMARY = {
+    "localize-partial": "Monte Carlo localisation in an incomplete map: where, and is the robot in the map at all?",
     "slam-gdr": "Rao-Blackwellised SLAM with Gaussian distributed resampling.",
 }
 

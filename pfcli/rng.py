@@ -15,6 +15,7 @@ class Purpose(IntEnum):
     DISPERSE = 4
     SIMULATE = 5
     BOOTSTRAP = 6
+    INJECT = 7
 
 
 def rng_for(seed: int, purpose: Purpose, stamp_ns: int, k: int = 0) -> np.random.Generator:

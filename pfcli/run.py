@@ -14,6 +14,7 @@ from pfcli.core.threads import set_threads
 from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Sweep, Truth
 from pfcli.formats import map_yaml, parquet, tum
+from pfcli.initial import Initial
 from pfcli.params import to_toml
 from pfcli.progress import progress
 from pfcli.registry import System
@@ -38,6 +39,8 @@ class Job(NamedTuple):
     truth: str | None = None
     threads: int = 0
     progress: str = "never"
+    map: Path | None = None
+    initial: Initial = Initial()
 
 
 class Run(NamedTuple):
@@ -179,7 +182,8 @@ def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
         stamps, poses = tum.read(Path(job.truth))
     else:
         raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
-    return errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, align_se2)
+    aligned = align_se2 if job.map is None else None
+    return errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
 
 
 def provenance(job: Job) -> dict[str, Any]:
@@ -192,7 +196,16 @@ def provenance(job: Job) -> dict[str, Any]:
         "inputs": [{"name": path.name, "sha256": digest(path)} for path in job.paths],
         "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {})},
         "motion": job.motion,
+        **_place(job),
     }
+
+
+def _place(job: Job) -> dict[str, Any]:
+    """The map and the start of a localiser."""
+    if job.map is None:
+        return {}
+    start = {k: str(v) if isinstance(v, Path) else v for k, v in job.initial._asdict().items() if v is not None}
+    return {"map": {"name": job.map.name, "sha256": digest(job.map)}, "initial": start}
 
 
 def vars_of(params: Any) -> dict[str, Any]:
@@ -212,7 +225,8 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
 
     meta = provenance(job)
     track = run.result.track
-    tum.write(folder / "track.tum", track.stamps_ns, track.poses)
+    known = np.isfinite(track.poses).all(axis=1)
+    tum.write(folder / "track.tum", track.stamps_ns[known], track.poses[known])
     columns: dict[str, Any] = {"t_ns": track.stamps_ns}
     columns |= dict(zip(("x_m", "y_m", "yaw_rad"), track.poses.T, strict=True))
     columns |= track.columns
@@ -232,7 +246,7 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
 def summarize(job: Job, run: Run) -> dict[str, Any]:
     """One object: what ran, what was read and lost, errors, timings (the only place with wall-clock)."""
     track = run.result.track
-    moved = np.hypot(*np.diff(track.poses[:, :2], axis=0).T).sum() if track.stamps_ns.size > 1 else 0.0
+    moved = np.nansum(np.hypot(*np.diff(track.poses[:, :2], axis=0).T)) if track.stamps_ns.size > 1 else 0.0
     summary: dict[str, Any] = {
         "version": __version__,
         "system": job.system.name,
@@ -263,6 +277,7 @@ def _frame_columns(result: Result) -> dict[str, Any]:
     columns |= dict(zip(("x_m", "y_m", "yaw_rad"), pose.T, strict=True))
     for k, name in enumerate(("particle_x_m", "particle_y_m", "particle_yaw_rad")):
         columns[name] = [f.particles[:, k].astype(np.float32) for f in frames]
+    columns["particle_class"] = [f.labels for f in frames]
     for k, name in enumerate(("scan_x_cm", "scan_y_cm")):
         columns[name] = [np.clip(np.rint(f.scan_m[:, k] * 100), -32768, 32767).astype(np.int16) for f in frames]
     return columns

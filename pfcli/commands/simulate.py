@@ -14,9 +14,16 @@ from pfcli.errors import UsageError
     "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of noise, slips and people."
 )
 @click.option("--true-map", is_flag=True, help="Also write the true map as TARGET's name + .yaml and .pgm.")
+@click.option(
+    "--partial-map",
+    is_flag=True,
+    help="Also write the part of it that the robot is given, as TARGET's name + -partial.yaml.",
+)
 @click.option("--force", is_flag=True, help="Replace TARGET.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
-def simulate(scenario: str, target: Path, seed: int, true_map: bool, force: bool, as_json: bool) -> None:
+def simulate(
+    scenario: str, target: Path, seed: int, true_map: bool, partial_map: bool, force: bool, as_json: bool
+) -> None:
     """Write a log of SCENARIO (a name, or a TOML file with the same fields) with truth to TARGET (.mcap).
 
     `pfcli simulate list -` prints the names. Example: pfcli simulate office office.mcap --seed 3
@@ -38,5 +45,7 @@ def simulate(scenario: str, target: Path, seed: int, true_map: bool, force: bool
     counts = scenarios.write(found, seed, target)
     if true_map:
         scenarios.write_map(found, target.parent, target.stem)
+    if partial_map:
+        scenarios.write_partial_map(found, target.parent, f"{target.stem}-partial")
     line = f"{target}: {counts['scans']} scans, {counts['way_m']:.1f} m in {counts['span_s']:.0f} s"
     emit({"out": str(target), "scenario": found.name, "seed": seed, **counts}, [line], as_json)

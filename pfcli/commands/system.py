@@ -6,7 +6,15 @@ from typing import Any
 import click
 
 from pfcli import registry
-from pfcli.options import build_params, drive_of, reading_options, settings_of, system_options
+from pfcli.options import (
+    build_params,
+    drive_of,
+    initial_of,
+    localiser_options,
+    reading_options,
+    settings_of,
+    system_options,
+)
 from pfcli.outputs import check, check_kind, interrupt_on_terminate, output_dir
 
 _READING = ("topic", "clock", "start", "end", "reorder", "time_offset", "extrinsic")
@@ -15,8 +23,9 @@ _READING = ("topic", "clock", "start", "end", "reorder", "time_offset", "extrins
 def command(name: str) -> click.Command:
     """The click command of the system `name`; its kernels are imported only when it runs."""
     params = registry.params_class(name)
+    example = " --map map.yaml" if name in registry.LOCALISERS else ""
 
-    @click.command(name, help=f"{registry.SUMMARY[name]}\n\nExample: pfcli {name} log.mcap --out out/run")
+    @click.command(name, help=f"{registry.SUMMARY[name]}\n\nExample: pfcli {name} log.mcap{example} --out out/run")
     @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
     @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
     @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
@@ -48,6 +57,7 @@ def command(name: str) -> click.Command:
     @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
     @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
     @reading_options
+    @localiser_options(name in registry.LOCALISERS)
     @system_options(params)
     def system_command(**given: Any) -> int:
         return _run(name, params, given)
@@ -77,6 +87,8 @@ def _run(name: str, params: type, given: dict[str, Any]) -> int:
         given["truth"],
         given["threads"],
         "never" if given["quiet"] else given["progress_mode"],
+        given.get("map_file"),
+        initial_of(given),
     )
     done = run.execute(job)
     with output_dir(given["out"], force=given["force"]) as folder:

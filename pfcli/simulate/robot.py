@@ -37,10 +37,18 @@ STEP_S = 0.05
 
 
 def drive(route: NDArray[np.float64], robot: Robot) -> Iterator[tuple[float, float, float]]:
-    """True poses every STEP_S: turn towards the next way point, drive there, round corners by arcs."""
-    x, y = float(route[0, 0]), float(route[0, 1])
-    yaw = math.atan2(route[1, 1] - y, route[1, 0] - x)
-    for tx, ty in route[1:].tolist():
+    """True poses every STEP_S: turn towards the next way point, drive there, round corners by arcs.
+
+    A way point that is NaN carries the robot to the one after it, where it looks towards the next.
+    """
+    x, y, yaw = *route[0].tolist(), math.nan
+    for k, (tx, ty) in enumerate(route.tolist()):
+        if math.isnan(tx):
+            continue
+        if k == 0 or math.isnan(route[k - 1, 0]):
+            x, y = tx, ty
+            yaw = math.atan2(route[k + 1, 1] - y, route[k + 1, 0] - x)
+            continue
         while math.hypot(tx - x, ty - y) > 0.15:
             turn = math.remainder(math.atan2(ty - y, tx - x) - yaw, 2 * math.pi)
             speed = robot.speed_mps * max(0.0, 1.0 - abs(turn) / 0.6)
@@ -88,6 +96,10 @@ class WheelOdometry:
             sign = 1.0 if self._rng.random() < 0.5 else -1.0
             self._advance(sign * robot.slip_m, sign * math.radians(robot.slip_deg))
         return self._pose
+
+    def carried(self, true: tuple[float, float, float]) -> None:
+        """The robot was lifted and put down at `true`: its wheels noticed nothing."""
+        self._last = true
 
     def _advance(self, forward: float, turn: float) -> None:
         x, y, yaw = self._pose

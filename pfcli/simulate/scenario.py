@@ -16,16 +16,18 @@ from pfcli.formats.log_writer import LogWriter
 from pfcli.rng import Purpose, rng_for
 from pfcli.simulate.laser import LASERS, Laser, cast
 from pfcli.simulate.robot import ROBOTS, STEP_S, WheelOdometry, drive
-from pfcli.simulate.world import WORLDS, World, rasterize
+from pfcli.simulate.world import WORLDS, World, known_part, rasterize
 
 WHEEL_RADIUS_M, TICKS_PER_TURN = 0.1, 2000
 _EPOCH_NS = 1_600_000_000_000_000_000
+_CARRIED_M = 0.5
+"""Between two instants nobody drives so far: the robot was carried."""
 
 
 class Scenario(NamedTuple):
     """What is simulated.
 
-    people: how many walk about; duration_s: stop after so long (0: when the route ends); rate_hz: of the scanner (0: its
+    people: how many walk about; people_keep_m: so near to the scanner they are not (they step aside); duration_s: stop after so long (0: when the route ends); rate_hz: of the scanner (0: its
     own); odometry_hz: of odometry and truth; encoding: `ros2` (CDR, odometry) or `json` (wheel ticks, no ROS).
     """
 
@@ -39,6 +41,8 @@ class Scenario(NamedTuple):
     rate_hz: float = 0.0
     odometry_hz: float = 20.0
     encoding: str = "ros2"
+    known_share: float = 1.0
+    people_keep_m: float = 0.0
 
 
 SCENARIOS = {
@@ -61,6 +65,18 @@ SCENARIOS = {
         Scenario("slips", "office", "slips"),
         Scenario("wheel-5-percent", "office", "wheel-5-percent"),
         Scenario("people", "office", people=12),
+        Scenario("partial-leave", "partial-leave", known_share=0.5),
+        Scenario("partial-enter", "partial-enter", known_share=0.5),
+        Scenario("partial-other-way", "partial-other-way", known_share=0.5),
+        Scenario("partial-loops", "partial-loops", known_share=0.5),
+        Scenario("partial-never", "partial-never", known_share=0.5),
+        Scenario("partial-kidnap", "partial-kidnap", known_share=0.5),
+        Scenario("partial-symmetric", "partial-symmetric", known_share=0.6),
+        Scenario("partial-crowd", "partial-leave", people=20, known_share=0.5, people_keep_m=1.0),
+        Scenario("partial-30", "partial-loops", known_share=0.3),
+        Scenario("partial-70", "partial-loops", known_share=0.7),
+        Scenario("partial-90", "partial-loops", known_share=0.9),
+        Scenario("partial-sample", "partial-leave", rate_hz=4.0, odometry_hz=4.0, known_share=0.5),
     )
 }
 
@@ -106,16 +122,19 @@ def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
     crowd = _Crowd(world, scenario.people, rng_for(seed, Purpose.SIMULATE, 1))
     every = max(1, round(1.0 / (laser.rate_hz * STEP_S)))
     offsets = _angles(laser)
-    ranges = np.empty(laser.beams)
+    ranges, last = np.empty(laser.beams), None
     for k, true in enumerate(drive(world.route, robot)):
         if scenario.duration_s and k * STEP_S > scenario.duration_s:
             return
-        odometry = odometer(true)
+        if last is not None and math.hypot(true[0] - last[0], true[1] - last[1]) > _CARRIED_M:
+            odometer.carried(true)
+        odometry, last = odometer(true), true
         crowd.walk(STEP_S)
         seen = None
         if k % every == 0:
             sx, sy, syaw = _compose(true, laser.mount)
-            cast(sx, sy, offsets + syaw, world.walls, crowd.discs, laser.range_m, ranges)
+            near = np.hypot(crowd.discs[:, 0] - sx, crowd.discs[:, 1] - sy) < scenario.people_keep_m
+            cast(sx, sy, offsets + syaw, world.walls, crowd.discs[~near], laser.range_m, ranges)
             noisy = np.round(ranges + laser.noise_m * rng.standard_normal(laser.beams), 3)
             seen = np.where(ranges >= laser.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
         yield Reading(_EPOCH_NS + round(k * STEP_S * 1e9), _rounded(true), _rounded(odometry), odometer.wheels_m, seen)
@@ -148,8 +167,8 @@ class _Crowd:
     """Discs that walk along the route and back, at 1 m/s, off its middle."""
 
     def __init__(self, world: World, people: int, rng: np.random.Generator) -> None:
-        self._route = world.route
-        self._at = rng.uniform(0, max(1, len(world.route) - 1), people)
+        self._route = world.route[np.isfinite(world.route[:, 0])]
+        self._at = rng.uniform(0, max(1, len(self._route) - 1), people)
         self._side = rng.uniform(-0.6, 0.6, (people, 2))
         self._sign = np.where(rng.random(people) < 0.5, -1.0, 1.0)
         self.discs = np.zeros((people, 3))
@@ -216,3 +235,9 @@ def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool
 def write_map(scenario: Scenario, folder: Path, name: str) -> None:
     """Write the true map beside the log."""
     map_yaml.write(folder, rasterize(WORLDS[scenario.world](scenario.world_seed), 0.05), name)
+
+
+def write_partial_map(scenario: Scenario, folder: Path, name: str) -> None:
+    """Write the map that the robot has been given: what it could reach, and of that the western share."""
+    world = WORLDS[scenario.world](scenario.world_seed)
+    map_yaml.write(folder, known_part(rasterize(world, 0.05), world, scenario.known_share), name)

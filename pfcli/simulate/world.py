@@ -1,18 +1,20 @@
 """Indoor worlds as wall segments: floor plans with rooms, doors, corridors and furniture, made from a few numbers."""
 
+import functools
 import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pfcli.events import Pose2
 from pfcli.formats.map_yaml import GridMap
 
 
 class World(NamedTuple):
-    """walls: (s, 4) segments x1, y1, x2, y2 (m); route: (k, 2) way points (m)."""
+    """walls: (s, 4) segments x1, y1, x2, y2 (m); route: (k, 2) way points (m), NaN where the robot is carried to the next."""
 
     walls: NDArray[np.float64]
     route: NDArray[np.float64]
@@ -150,6 +152,46 @@ def office(seed: int) -> World:
     return plan.world([*route, (1.5, middle), (6.0, middle)])
 
 
+_ALOFT = (math.nan, math.nan)
+_EAST, _WEST = (21.0, 0.0), (3.0, 0.0)
+_ROUND = [(24.0, 0.0), (24.0, 12.0), (0.0, 12.0), (0.0, 0.0)]
+_ROUTES = {
+    "leave": [_WEST, _EAST, (18.0, 0.0), (0.0, 0.0), (0.0, 12.0), (5.0, 12.0)],
+    "enter": [(20.0, 0.0), (16.0, 0.0), (0.0, 0.0), (0.0, 12.0), (6.0, 12.0)],
+    "other-way": [_WEST, (24.0, 0.0), (24.0, 12.0), (0.0, 12.0), (0.0, 3.0)],
+    "loops": [_WEST, *_ROUND * 5, (6.0, 0.0)],
+    "never": [(16.0, 0.0), *[(24.0, 0.0), (24.0, 12.0), (16.0, 12.0), (24.0, 12.0), (24.0, 0.0), (16.0, 0.0)] * 3],
+    "kidnap": [
+        *(_WEST, (9.0, 0.0), (4.0, 0.0), _ALOFT, (24.0, 4.0), (24.0, 12.0), (18.0, 12.0), (24.0, 12.0), (24.0, 0.0)),
+        *((0.0, 0.0), (0.0, 8.0)),
+    ],
+}
+
+
+def partial(seed: int, route: str) -> World:
+    """A ring corridor of 24 x 12 m with rooms; cut through the middle, its map has a frontier in the north and the south."""
+    world = ring(24.0, 12.0, 2.4, 4.0, seed)
+    return world._replace(route=np.array(_ROUTES[route], float))
+
+
+def symmetric(seed: int) -> World:
+    """A corridor with seven equal rooms on each side, told apart only by two boxes; the eastern end leads out of the map."""
+    plan = _Plan(np.random.default_rng(seed))
+    for x1, y1, x2, y2 in _edges((0.0, 0.0, 42.0, 14.0)):
+        plan.wall(x1, y1, x2, y2)
+    for y, (y0, y1) in ((6.0, (0.0, 6.0)), (8.4, (8.4, 14.0))):
+        plan.wall(0.0, y, 42.0, y, tuple(3.0 + 6.0 * k for k in range(7)), 1.1)
+        for k in range(1, 7):
+            plan.wall(6.0 * k, y0, 6.0 * k, y1)
+    plan.box(1.0, 7.2, 0.3, 0.3)
+    plan.box(14.0, 11.0, 0.6, 0.4)
+    middle = 7.2
+    route = [(20.0, middle), (9.0, middle), (9.0, 4.0), (9.0, middle), (3.0, middle), (15.0, middle), (15.0, 11.8)]
+    return plan.world(
+        [*route, (15.0, middle), (40.0, middle), (33.0, middle), (33.0, 4.0), (33.0, middle), (9.0, middle)]
+    )
+
+
 WORLDS = {
     "office": lambda seed: office(seed),
     "paper-40x25": lambda seed: office(seed),
@@ -157,6 +199,8 @@ WORLDS = {
     "loop-500m": lambda seed: ring(150.0, 100.0, 2.5, 5.0, seed, laps=1),
     "loop-2km": lambda seed: ring(600.0, 400.0, 3.0, 5.0, seed, laps=1),
     "small-loop": lambda seed: ring(12.0, 9.0, 2.0, 4.0, seed, laps=2),
+    **{f"partial-{name}": functools.partial(partial, route=name) for name in _ROUTES},
+    "partial-symmetric": lambda seed: symmetric(seed),
 }
 """Name -> world of a seed. `paper-*` are the two of Zhang 2016, section 3.2 (their plans are not public)."""
 
@@ -174,3 +218,20 @@ def rasterize(world: World, resolution_m: float) -> GridMap:
         gy = np.floor((y1 + t * (y2 - y1)) / resolution_m - low[1]).astype(int)
         cells[gy, gx] = 1
     return GridMap(cells, resolution_m, Pose2(float(low[0] * resolution_m), float(low[1] * resolution_m), 0.0))
+
+
+def known_part(grid: GridMap, world: World, share: float) -> GridMap:
+    """The true map as a robot would have drawn it: what can be reached from the route, west of `share` of the width."""
+    cols = grid.cells.shape[1]
+    walls = world.walls[:, [0, 2]]
+    west, east = walls.min(), walls.max()
+    labels, _ = ndimage.label(grid.cells == 0)
+    ok = np.isfinite(world.route[:, 0])
+    gx = ((world.route[ok, 0] - grid.origin.x_m) / grid.resolution_m).astype(int)
+    gy = ((world.route[ok, 1] - grid.origin.y_m) / grid.resolution_m).astype(int)
+    reached = np.isin(labels, np.unique(labels[gy, gx]))
+    seen = reached | (ndimage.binary_dilation(reached, np.ones((3, 3))) & (grid.cells == 1))
+    if share < 1.0:
+        edge = west + share * (east - west)
+        seen &= (grid.origin.x_m + (np.arange(cols) + 0.5) * grid.resolution_m < edge)[None, :]
+    return grid._replace(cells=np.where(seen, grid.cells, -1).astype(np.int8))

@@ -18,12 +18,19 @@ class FrameKeeper:
         self._kept: list[Frame] = []
 
     def offer(
-        self, stamp_ns: int, pose: NDArray[np.float64], particles: NDArray[np.float64], scan_m: NDArray[np.float64]
+        self,
+        stamp_ns: int,
+        pose: NDArray[np.float64],
+        particles: NDArray[np.float64],
+        scan_m: NDArray[np.float32] | NDArray[np.float64],
+        labels: NDArray[np.uint8] | None = None,
     ) -> None:
         """Keep this update if its turn has come."""
         if self._seen % self._every == 0:
-            stride = -(-particles.shape[0] // PARTICLES)
-            self._kept.append(Frame(stamp_ns, pose.copy(), particles[::stride].copy(), scan_m.astype(np.float32)))
+            stride = -(-particles.shape[0] // PARTICLES) or 1
+            drawn = particles[::stride].copy()
+            classes = np.zeros(drawn.shape[0], np.uint8) if labels is None else labels[::stride].copy()
+            self._kept.append(Frame(stamp_ns, pose.copy(), drawn, classes, scan_m.astype(np.float32)))
             if len(self._kept) >= 2 * MOST:
                 self._kept = self._kept[::2]
                 self._every *= 2

@@ -17,16 +17,18 @@ class Track(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """One drawn update: estimate, particles (k, 3), and the scan's end points in the base frame (b, 2), m."""
+    """One drawn update: estimate (NaN where there is none), particles (k, 3), their classes uint8 (k,; 0 where the system
+    has none), and the scan's end points in the base frame (b, 2), m."""
 
     stamp_ns: int
     pose: NDArray[np.float64]
     particles: NDArray[np.float64]
+    labels: NDArray[np.uint8]
     scan_m: NDArray[np.float64]
 
 
 class Result(NamedTuple):
-    """track; grid: the map that was built (None for localisers); frames; summary: scalars for run.json."""
+    """track; grid: the map that was built or localised in; frames; summary: scalars for run.json."""
 
     track: Track
     grid: GridMap | None

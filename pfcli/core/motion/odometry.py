@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pfcli.core.geometry import wrap
 from pfcli.core.jit import kernel
 
 
@@ -19,12 +20,33 @@ class Noise(NamedTuple):
 
 
 @kernel
+def standard_deviations(step, noise):  # type: ignore[no-untyped-def]
+    """(3,) standard deviations of a step: along and across (m), heading (rad)."""
+    d, a = np.hypot(step[0], step[1]), abs(step[2])
+    out = np.empty(3)
+    out[0] = out[1] = noise.xy_per_m * d + noise.xy_per_rad_m * a + noise.xy_m
+    out[2] = noise.yaw_per_rad * a + noise.yaw_per_m_rad * d + noise.yaw_rad
+    return out
+
+
+@kernel
 def information(step, noise):  # type: ignore[no-untyped-def]
     """Information matrix (3, 3) of a step (dx, dy, dyaw in the old base frame, m and rad)."""
-    d, a = np.hypot(step[0], step[1]), abs(step[2])
-    xy = noise.xy_per_m * d + noise.xy_per_rad_m * a + noise.xy_m
-    yaw = noise.yaw_per_rad * a + noise.yaw_per_m_rad * d + noise.yaw_rad
+    sd = standard_deviations(step, noise)
     out = np.zeros((3, 3))
-    out[0, 0] = out[1, 1] = 1.0 / (xy * xy)
-    out[2, 2] = 1.0 / (yaw * yaw)
+    for k in range(3):
+        out[k, k] = 1.0 / (sd[k] * sd[k])
+    return out
+
+
+@kernel
+def predict(poses, step, sd, z):  # type: ignore[no-untyped-def]
+    """Each pose (n, 3) followed by the step (dx, dy, dyaw in its frame, m and rad) with noise sd (3,) times z (n, 3)."""
+    out = np.empty(poses.shape)
+    for i in range(poses.shape[0]):
+        dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
+        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        out[i, 0] = poses[i, 0] + c * dx - s * dy
+        out[i, 1] = poses[i, 1] + s * dx + c * dy
+        out[i, 2] = wrap(poses[i, 2] + step[2] + sd[2] * z[i, 2])
     return out

@@ -18,3 +18,20 @@ def ancestors(weights, u):  # type: ignore[no-untyped-def]
             total += weights[k]
         out[j] = k
     return out
+
+
+@kernel
+def choose(weights, u, wanted):  # type: ignore[no-untyped-def]
+    """`wanted` indices, any number, in proportion to weights (n,), which need not be normalised. u: in [0, 1)."""
+    out = np.empty(wanted, np.int64)
+    mass = 0.0
+    for w in weights:
+        mass += w
+    total, k = weights[0], 0
+    for j in range(wanted):
+        pointer = (j + u) / wanted * mass
+        while pointer >= total and k < weights.size - 1:
+            k += 1
+            total += weights[k]
+        out[j] = k
+    return out

@@ -1,0 +1,72 @@
+"""What the last metres of a drive explain of a scan, without any map: a rolling grid of end points by odometry.
+
+A robot in an unknown corridor predicts its next scan well. Only against that prediction does a map have to prove
+itself: else every corridor looks like the mapped one. (The idea: Stewart et al. 2003, 'The revisiting problem'.)
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.jit import kernel
+
+_SIDE = 1024
+_CELL_M = 0.1
+_REACH = 2
+_CONFIRMED_HITS, _CONFIRMED_M = 3, 1.0
+
+
+class LocalHistory(NamedTuple):
+    """A torus of cells: first_m, way_m (n, n), way at which a cell was first and last hit within the window; hits uint8
+    (n, n), how often."""
+
+    first_m: NDArray[np.float32]
+    way_m: NDArray[np.float32]
+    hits: NDArray[np.uint8]
+
+
+def empty() -> LocalHistory:
+    """Nothing seen yet."""
+    never = np.full((_SIDE, _SIDE), -np.inf, np.float32)
+    return LocalHistory(never.copy(), never, np.zeros((_SIDE, _SIDE), np.uint8))
+
+
+@kernel
+def explained_m(history, pose, points, way_m, window_m):  # type: ignore[no-untyped-def]
+    """Distances (2, b) in m of each end point to the nearest place that was hit before; inf where none is near.
+
+    pose: (3,) odometry; points: float32 (2, b), base frame. Row 0 counts every hit of the last `window_m` of way, row 1
+    only places that were hit three times and first seen a metre ago: people who walk by do not stay so long.
+    """
+    out = np.empty((2, points.shape[1]))
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    for b in range(points.shape[1]):
+        gx = int(np.floor((pose[0] + c * points[0, b] - s * points[1, b]) / _CELL_M))
+        gy = int(np.floor((pose[1] + s * points[0, b] + c * points[1, b]) / _CELL_M))
+        once, often = np.inf, np.inf
+        for dy in range(-_REACH, _REACH + 1):
+            for dx in range(-_REACH, _REACH + 1):
+                iy, ix = (gy + dy) & (_SIDE - 1), (gx + dx) & (_SIDE - 1)
+                if way_m - history.way_m[iy, ix] <= window_m:
+                    square = float(dx * dx + dy * dy)
+                    once = min(once, square)
+                    if history.hits[iy, ix] >= _CONFIRMED_HITS and way_m - history.first_m[iy, ix] >= _CONFIRMED_M:
+                        often = min(often, square)
+        out[0, b], out[1, b] = np.sqrt(once) * _CELL_M, np.sqrt(often) * _CELL_M
+    return out
+
+
+@kernel
+def remember(history, pose, points, way_m, window_m):  # type: ignore[no-untyped-def]
+    """Add a scan. points: float32 (2, b), base frame."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    for b in range(points.shape[1]):
+        ix = int(np.floor((pose[0] + c * points[0, b] - s * points[1, b]) / _CELL_M)) & (_SIDE - 1)
+        iy = int(np.floor((pose[1] + s * points[0, b] + c * points[1, b]) / _CELL_M)) & (_SIDE - 1)
+        if way_m - history.way_m[iy, ix] > window_m:
+            history.hits[iy, ix] = 0
+            history.first_m[iy, ix] = way_m
+        if history.hits[iy, ix] < 255:
+            history.hits[iy, ix] += 1
+        history.way_m[iy, ix] = way_m

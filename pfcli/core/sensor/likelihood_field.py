@@ -1,0 +1,141 @@
+"""Likelihood field whose values are evidence: how much better a pose explains a beam than ignorance does.
+
+Thrun 2005, section 6.4, divided by what a beam would be expected to read in a place of which nothing is known: the
+field stores log p(z | x, m) / p(z | unknown place), so that 0 means 'the map says nothing', positive 'here', negative
+'not here'. Beams that end in unknown cells can be left out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.grid.distance import distance_m
+from pfcli.core.jit import kernel, reduction_kernel
+from pfcli.core.threads import spread
+
+
+class Model(NamedTuple):
+    """sigma_m: spread of a hit; z_hit: share of beams that end at mapped surfaces; reach_m: how far a beam reads
+    in a place of which nothing is known (the scale that makes densities comparable)."""
+
+    sigma_m: float
+    z_hit: float
+    reach_m: float
+
+
+LEVELS = 4
+"""Fields with 1, 2, 4 and 8 times the spread: distant beams swing wide with the heading, and blind poses are far off."""
+
+UNKNOWN = 1e6
+_JUDGED = np.float32(1e5)
+
+
+class Field(NamedTuple):
+    """table: float32 (LEVELS * (rows + 2) * (cols + 2),), one field after the other, the spread doubled from each to the
+    next, with a border around the map, UNKNOWN where beams are left out; rows, cols: with the border;
+    frame: (6,) from map coordinates to cells of the table: m00, m01, tx, m10, m11, ty; yaw of the grid (rad)."""
+
+    table: NDArray[np.float32]
+    rows: int
+    cols: int
+    frame: NDArray[np.float64]
+    yaw_rad: float
+
+
+def grid_frame(resolution_m: float, origin: tuple[float, float, float], border: int = 0) -> NDArray[np.float64]:
+    """Affine map (6,) from map coordinates (m) to cells, for origins of any heading."""
+    x, y, yaw = origin
+    c, s = np.cos(yaw) / resolution_m, np.sin(yaw) / resolution_m
+    return np.array([c, s, border - c * x - s * y, -s, c, border + s * x - c * y])
+
+
+def log_ratio(distance_m: NDArray[np.float64], model: Model, level: int | NDArray[np.int32] = 0) -> NDArray[np.float64]:
+    """Evidence of a beam that ends so far from a mapped surface, with the spread of a level."""
+    sigma = model.sigma_m * 2.0**level
+    peak = model.reach_m / (sigma * np.sqrt(2 * np.pi))
+    ratio = model.z_hit * peak * np.exp(-0.5 * (distance_m / sigma) ** 2) + (1.0 - model.z_hit)
+    return np.asarray(np.log(ratio))
+
+
+def build(
+    cells: NDArray[np.int8], resolution_m: float, origin: tuple[float, float, float], model: Model, *, unknown: bool
+) -> Field:
+    """Field of a map. cells: int8 (rows, cols), 1 occupied, 0 free, -1 unknown.
+
+    unknown: beams that end in unknown cells, off the walls, are left out; else they are judged like any other.
+    """
+    distance = distance_m(cells == 1, resolution_m)
+    beyond = UNKNOWN if unknown else np.log(1.0 - model.z_hit)
+    table = np.full((LEVELS, cells.shape[0] + 2, cells.shape[1] + 2), beyond, np.float32)
+    for level in range(LEVELS):
+        value = log_ratio(distance, model, level)
+        if unknown:
+            value[(cells == -1) & (value < 0.0)] = UNKNOWN
+        table[level, 1:-1, 1:-1] = value
+    return Field(table.ravel(), *table.shape[1:], grid_frame(resolution_m, origin, 1), float(origin[2]))
+
+
+def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) -> NDArray[np.int32]:
+    """Level (b,) at which the spread covers what a heading error of `yaw_sd_rad` moves each end point (2, b) by."""
+    swing = np.maximum(1.0, np.hypot(points[0], points[1]) * yaw_sd_rad / sigma_m)
+    return np.minimum(np.floor(np.log2(swing)), LEVELS - 1).astype(np.int32)
+
+
+@reduction_kernel
+def _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, at):  # type: ignore[no-untyped-def]
+    """Look up and add: indices first, which vectorises, then the loads."""
+    for b in range(at.size):
+        x = gx + c * points[0, b] - s * points[1, b]
+        y = gy + s * points[0, b] + c * points[1, b]
+        ix = np.int32(min(max(x, np.float32(0.0)), cols))
+        iy = np.int32(min(max(y, np.float32(0.0)), rows))
+        at[b] = iy * each + ix + shift[b]
+    total = np.float32(0.0)
+    for b in range(at.size):
+        value = table[np.uint32(at[b])]
+        if value > 0.0:
+            total += value - base[0, b] if value < _JUDGED else np.float32(0.0)
+        else:
+            total += min(np.float32(0.0), value - base[1, b])
+    return total
+
+
+@kernel
+def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, base, out):  # type: ignore[no-untyped-def]
+    rows, cols, each = np.float32(shape[0] - 1), np.float32(shape[1] - 1), np.int32(shape[1])
+    scale = np.sqrt(frame[0] * frame[0] + frame[3] * frame[3])
+    at = np.empty(points.shape[1], np.int32)
+    for i in range(low, high):
+        gx = np.float32(frame[0] * poses[i, 0] + frame[1] * poses[i, 1] + frame[2])
+        gy = np.float32(frame[3] * poses[i, 0] + frame[4] * poses[i, 1] + frame[5])
+        turn = poses[i, 2] - yaw
+        c, s = np.float32(np.cos(turn) * scale), np.float32(np.sin(turn) * scale)
+        out[i] = _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, at)
+
+
+def evidence(
+    poses: NDArray[np.float64],
+    points: NDArray[np.float32],
+    field: Field,
+    level: NDArray[np.int32] | None = None,
+    base: NDArray[np.float32] | None = None,
+) -> NDArray[np.float64]:
+    """Sum of the evidence of the beams for each pose.
+
+    poses: (n, 3) in the map frame (m, rad); points: float32 (2, b), end points in the base frame (m); level: int32 (b,), the field
+    of each beam (None: 0); base: float32 (2, b),
+    evidence that each beam has without the map, for a pose that explains it (row 0) and for one that does not (row 1);
+    it is subtracted (None: 0). Returns (n,).
+    """
+    if level is None:
+        level = np.zeros(points.shape[1], np.int32)
+    if base is None:
+        base = np.zeros((2, points.shape[1]), np.float32)
+    out = np.empty(poses.shape[0])
+    shape = (field.rows, field.cols)
+    shift = level * np.int32(field.rows * field.cols)
+    spread(
+        _evidence_rows, poses.shape[0], poses, points, field.table, field.frame, shape, field.yaw_rad, shift, base, out
+    )
+    return out

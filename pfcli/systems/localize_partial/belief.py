@@ -1,0 +1,70 @@
+"""The belief over six states, what it is judged against, and how far a step reaches."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.grid.region import Region
+from pfcli.core.motion.odometry import Noise, standard_deviations
+from pfcli.core.sensor import likelihood_field
+from pfcli.formats.map_yaml import GridMap
+from pfcli.initial import Initial
+from pfcli.systems.localize_partial.params import Params
+
+MIN_BAND_CELLS = 1.5
+"""The band at a frontier is at least so wide, however short the step."""
+
+
+class Assets(NamedTuple):
+    """The map, its region, its likelihood field, and where to start."""
+
+    grid: GridMap
+    region: Region
+    field: likelihood_field.Field
+    initial: Initial
+    start_xy: NDArray[np.float64]
+
+
+class Belief(NamedTuple):
+    """Particles and class probabilities, and what the update says of itself."""
+
+    pose: NDArray[np.float64]
+    label: NDArray[np.uint8]
+    weight: NDArray[np.float64]
+    b: NDArray[np.float64]
+    transition: NDArray[np.float64] = np.eye(7)
+    predicted: NDArray[np.float64] = np.zeros(7)
+    log_evidence: float = 0.0
+    n_eff: float = 0.0
+
+
+def step_noise(moved: NDArray[np.float64], params: Params) -> NDArray[np.float64]:
+    """(3,) standard deviations of a step (m, m, rad)."""
+    noise = Noise(
+        params.motion_xy_per_m,
+        params.motion_xy_per_rad_m,
+        params.motion_xy_m,
+        params.motion_yaw_per_rad,
+        params.motion_yaw_per_m_rad,
+        params.motion_yaw_rad,
+    )
+    return np.asarray(standard_deviations(moved, noise))
+
+
+def band_count(region: Region, moved: NDArray[np.float64], sd: NDArray[np.float64]) -> int:
+    """How many of the cells near a frontier lie within one step of it, noise included."""
+    reach = max(np.hypot(moved[0], moved[1]) + 2 * sd[0], MIN_BAND_CELLS * region.resolution_m)
+    return int(np.searchsorted(region.edge_m, reach, side="right"))
+
+
+class Reading(NamedTuple):
+    """What an update brings: step (3,) since the last one in the base frame, whether it is the first, end points of the
+    scan float32 (2, b), the level of the field for each beam (b,), what the last metres explain of each beam (2, b), and the stamp."""
+
+    moved: NDArray[np.float64]
+    first: bool
+    ends: NDArray[np.float32]
+    level: NDArray[np.int32]
+    base: NDArray[np.float32]
+    stamp_ns: int

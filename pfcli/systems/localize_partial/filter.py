@@ -1,0 +1,421 @@
+"""Monte Carlo localisation in an incomplete map: six states, one particle cluster each. Zhang 2010 (zhang2010partial).
+
+One update, in the paper's order: particles move and change class (section 2), entries are drawn at the frontiers
+(definition 1), the classes' probabilities are predicted (eqs (2)-(12)), the scan weighs particles and classes
+(eqs (13)-(23)), and each cluster is resampled on its own.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import estimate, particles
+from pfcli.core.geometry import between
+from pfcli.core.grid import local_history
+from pfcli.core.grid.region import Region, region_of
+from pfcli.core.grid.scan_points import points_of
+from pfcli.core.resample import systematic
+from pfcli.core.sensor import likelihood_field
+from pfcli.errors import LogError, UsageError
+from pfcli.events import Sweep
+from pfcli.formats import map_yaml
+from pfcli.initial import Initial
+from pfcli.registry import System
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.localize_partial import anneal, kernels, paper, smooth
+from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, step_noise
+from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.result import Result
+from pfcli.systems.track import TrackKeeper
+
+INSIDE = (2, 3, 6)
+_BIN_M, _BIN_RAD = 0.5, 0.26
+_MODE_M, _MODE_RAD = 0.75, 0.5
+_NEGLIGIBLE = 1e-9
+_MOST_STARTS = 2_000_000
+_NOVEL = 0.5
+_MOST_AGAINST = 1.0
+"""Log evidence that a single scan may hold against the whole map."""
+
+
+class Info(NamedTuple):
+    """One update, as a row of `metrics.parquet`; b1 .. b6: probabilities of the six states, p_ij of their transitions."""
+
+    t_ns: int
+    b1: float
+    b2: float
+    b3: float
+    b4: float
+    b5: float
+    b6: float
+    p12: float
+    p23: float
+    p34: float
+    p45: float
+    p56: float
+    p63: float
+    n2: int
+    n3: int
+    n4: int
+    n5: int
+    n6: int
+    n_eff: float
+    log_evidence: float
+    in_map: float
+    mode_share: float
+    sd_m: float
+    way_m: float
+    beams: int
+
+
+class State(NamedTuple):
+    """pose (n, 3), class (n,) of 2 .. 6 and global weight (n,) of each particle; b (7,): probabilities of the states,
+    b[0] unused; odometry (1, 3) of the last update; what the end of the run needs."""
+
+    pose: NDArray[np.float64]
+    label: NDArray[np.uint8]
+    weight: NDArray[np.float64]
+    b: NDArray[np.float64]
+    odometry: NDArray[np.float64]
+    way_m: float
+    local: local_history.LocalHistory
+    track: TrackKeeper
+    frames: FrameKeeper
+    history: list[smooth.Step]
+    in_map: list[float]
+    stamps_ns: list[int]
+
+
+def load(params: Params, job: Any) -> Assets:
+    """Read the map. Raises LogError where nobody could be localised in it, UsageError where the start lies outside."""
+    grid = map_yaml.read(job.map)
+    origin = tuple(grid.origin)
+    region = region_of(grid.cells, grid.resolution_m, origin, params.robot_radius_m, params.pocket_m2)
+    if region.free_xy.size == 0:
+        raise LogError(
+            f"{job.map}: has no free cells that a robot of --robot-radius-m {params.robot_radius_m:g} fits into"
+        )
+    initial: Initial = job.initial
+    if region.edge_xy.size == 0 and initial.kind != "inside":
+        raise LogError(
+            f"{job.map}: has no frontier (free cells beside unknown ones), so nobody can enter or leave it;"
+            " say --initial inside, or lower --robot-radius-m or --pocket-m2"
+        )
+    if initial.kind == "pose":
+        place = kernels.place_name(region, initial.pose)
+        if place != "free":
+            raise UsageError(
+                f"--initial: ({initial.pose[0]:g}, {initial.pose[1]:g}) is {place} in {job.map}; choose a free place"
+            )
+    model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
+    field = likelihood_field.build(grid.cells, grid.resolution_m, origin, model, unknown=params.model_unknown)
+    return Assets(grid, region, field, initial, _start_cells(region, initial))
+
+
+def _start_cells(region: Region, initial: Initial) -> NDArray[np.float64]:
+    """Centres of the cells in which the robot may stand at the start."""
+    if initial.kind != "region":
+        return region.free_xy
+    assert initial.region is not None
+    marked = map_yaml.read(initial.region)
+    allowed = region_of(marked.cells, marked.resolution_m, tuple(marked.origin), 0.0)
+    inside = kernels.places(allowed, region.free_xy) == 1
+    if not inside.any():
+        raise UsageError(f"--initial region:{initial.region}: none of its free cells is a free cell of the map")
+    return region.free_xy[inside]
+
+
+def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
+    """The belief before the first scan, as `--initial` says."""
+    rng = draw(Purpose.INIT, first.stamp_ns)
+    kind = assets.initial.kind
+    b = np.zeros(7)
+    b[1], b[3] = {"unknown": (0.5, 0.5), "outside": (1.0, 0.0)}.get(kind, (0.0, 1.0))
+    pose = np.empty((0, 3))
+    if kind == "pose":
+        pose = particles.gaussian(np.array(assets.initial.pose), np.array(assets.initial.sd), params.particles, rng)
+    elif b[3] > 0.0:
+        area = assets.start_xy.shape[0] * assets.grid.resolution_m**2
+        n = int(min(max(params.particles, area * params.start_density_per_m2), _MOST_STARTS))
+        pose = particles.uniform(assets.start_xy, assets.grid.resolution_m / 2, n, rng, assets.initial.heading)
+    n = pose.shape[0]
+    return State(
+        pose,
+        np.full(n, 3, np.uint8),
+        np.full(n, b[3] / max(1, n)),
+        b,
+        np.array([first.odometry], np.float64),
+        0.0,
+        local_history.empty(),
+        TrackKeeper(),
+        FrameKeeper(),
+        [],
+        [],
+        [],
+    )
+
+
+def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
+    """Every scan is recorded; one that has moved far enough updates the filter."""
+    state.track.see(sweep)
+    now = np.array([sweep.odometry], np.float64)
+    moved = between(state.odometry, now)[0]
+    first = not state.stamps_ns
+    way = float(np.hypot(moved[0], moved[1]))
+    if not (first or way >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad):
+        return state, None
+    scan = _end_points(sweep, params)
+    if scan.shape[1] == 0:
+        return state, None
+    state = state._replace(odometry=now, way_m=state.way_m + way)
+    ends = np.ascontiguousarray(scan[:, :: max(1, -(-scan.shape[1] // params.beams))])
+    level = likelihood_field.levels_of(ends, params.sigma_hit_m, params.heading_sd_rad)
+    base = _explained(state, ends, level, params)
+    local_history.remember(state.local, now[0], scan, state.way_m, params.history_m)
+    update = paper.update if params.variant == "paper" else _update
+    reading = Reading(moved, first, ends, level, base, sweep.stamp_ns)
+    belief = update(Belief(state.pose, state.label, state.weight, state.b), reading, assets, params, draw)
+    state = state._replace(pose=belief.pose, label=belief.label, weight=belief.weight, b=belief.b)
+    return _conclude(state, belief, sweep, ends)
+
+
+def _end_points(sweep: Sweep, params: Params) -> NDArray[np.float32]:
+    """End points of the beams that returned, float32 (2, b), base frame."""
+    scan = sweep.scan
+    high = params.max_range_m or scan.range_max_m
+    angles = (scan.angle_min_rad, scan.angle_increment_rad)
+    points = points_of(scan.ranges_m, angles, (scan.range_min_m, high), scan.mount, 1, 0.0, 1.0)
+    return np.ascontiguousarray(points.ends.T, np.float32)
+
+
+def _explained(
+    state: State, ends: NDArray[np.float32], level: NDArray[np.int32], params: Params
+) -> NDArray[np.float32]:
+    """Evidence that the last metres give to each beam: the map has to do better."""
+    if not params.outside_likelihood or params.history_m == 0.0:
+        return np.zeros((2, ends.shape[1]), np.float32)
+    away = local_history.explained_m(state.local, state.odometry[0], ends, state.way_m, params.history_m)
+    model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
+    base = np.maximum(0.0, likelihood_field.log_ratio(away, model, level) - params.history_margin)
+    # not seen often enough: a passer-by or the first sight of a wall; half an argument against the map, then none
+    passing = base[1] == 0.0
+    base[1, passing] = np.log(1.0 - params.z_hit) * np.where(base[0, passing] > 0.0, 1.0, _NOVEL)
+    return base.astype(np.float32)
+
+
+def _update(belief: Belief, reading: Reading, assets: Assets, params: Params, draw: Draw) -> Belief:
+    """Predict, enter, weigh, regroup."""
+    moved, stamp_ns = reading.moved, reading.stamp_ns
+    pose, label, weight = belief.pose, belief.label, belief.weight
+    transition = np.zeros((7, 7))
+    b1 = float(belief.b[1])
+    if not reading.first:
+        before = label
+        z = draw(Purpose.MOTION, stamp_ns).standard_normal((pose.shape[0], 3))
+        pose, label, factor = kernels.move(pose, label, moved, step_noise(moved, params), z, assets.region)
+        transition = kernels.flow(before, label, weight)
+        weight = weight * factor
+        pose, label, weight = _come_back(pose, label, weight, reading, assets, params, draw)
+        pose, label, weight, b1 = _arrive(pose, label, weight, b1, reading, transition, assets, params, draw)
+    elif assets.initial.kind != "pose" and pose.shape[0]:
+        rng = draw(Purpose.INJECT, stamp_ns)
+        pose, weight = anneal.gather(pose, float(weight.sum()), params.particles, reading, assets, params, rng)
+        label = np.full(pose.shape[0], 3, np.uint8)
+    predicted = kernels.masses(label, weight)
+    predicted[1] = b1
+    weight, b1, log_evidence = _weigh(pose, label, weight, b1, reading, assets, params)
+    n_eff = float(1.0 / np.square(weight / weight.sum()).sum()) if weight.sum() > 0 else 0.0
+    error = params.kld_error if params.kld else 0.0
+    u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
+    limits = (params.min_particles, params.particles, params.resample_threshold, error, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
+    pose, label, weight = kernels.regroup(pose, label, weight, u, *limits)
+    total = weight.sum() + b1
+    weight = weight / total
+    b = kernels.masses(label, weight)
+    b[1] = b1 / total
+    return Belief(pose, label, weight, b, transition, predicted, log_evidence, n_eff)
+
+
+def _come_back(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    reading: Reading,
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
+    """Class 6 after a long way outside is spread over metres: gather it where the scan fits."""
+    back = label == 6
+    mass = float(weight[back].sum())
+    if mass <= _NEGLIGIBLE:
+        return pose, label, weight
+    rng = draw(Purpose.INJECT, reading.stamp_ns)
+    blind = pose[back][systematic.choose(weight[back], rng.random(), max(int(back.sum()), params.frontier_samples))]
+    found, gathered = anneal.gather(blind, mass, blind.shape[0], reading, assets, params, rng)
+    return (
+        np.concatenate([pose[~back], found]),
+        np.concatenate([label[~back], np.full(found.shape[0], 6, np.uint8)]),
+        np.concatenate([weight[~back], gathered]),
+    )
+
+
+def _arrive(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    b1: float,
+    reading: Reading,
+    transition: NDArray[np.float64],
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], float]:
+    """Class 1 gives to class 2 at the frontiers (eqs (2)-(3)), and a little to anywhere: a robot may be carried."""
+    moved = reading.moved
+    way = float(np.hypot(moved[0], moved[1]))
+    carried = 1.0 - float(np.exp(-params.kidnap_per_m * way))
+    lost = carried * float(weight.sum())
+    weight = weight * (1.0 - carried)
+    rows = transition.sum(axis=1)
+    transition *= 1.0 - carried
+    transition[:, 1] += carried * rows
+    p12 = 1.0 - float(np.exp(-way / params.entry_length_m))
+    rng = draw(Purpose.INJECT, reading.stamp_ns)
+    fresh = [(2, b1 * p12, np.empty((0, 3))), (3, b1 * carried, np.empty((0, 3)))]
+    if b1 > _NEGLIGIBLE and way > 0.0:
+        region = assets.region
+        wanted = int(params.frontier_samples * min(1.0, max(0.1, 10.0 * b1)))
+        count = band_count(region, moved, step_noise(moved, params))
+        if count:
+            u = rng.random((2 * wanted, 4))
+            found = kernels.entries(
+                region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True
+            )
+            fresh[0] = (2, b1 * p12, found[:wanted])
+        if carried > 0.0:
+            anywhere = particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)
+            fresh[1] = (3, b1 * carried, anywhere)
+    left = b1
+    for k, mass, poses in fresh:
+        m = poses.shape[0]
+        if m == 0 or mass <= 0.0:
+            continue
+        poses, gathered = anneal.gather(poses, mass, m, reading, assets, params, rng)
+        pose, label = np.concatenate([pose, poses]), np.concatenate([label, np.full(m, k, np.uint8)])
+        weight = np.concatenate([weight, gathered])
+        transition[1, k] += mass
+        left -= mass
+    transition[1, 1] += left
+    return pose, label, weight, left + lost
+
+
+def _weigh(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    b1: float,
+    reading: Reading,
+    assets: Assets,
+    params: Params,
+) -> tuple[NDArray[np.float64], float, float]:
+    """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1."""
+    inside = (label == 3) | (label == 2) | (label == 6)
+    log_ratio = np.zeros(label.size)
+    if inside.all():
+        log_ratio = params.beam_gain * likelihood_field.evidence(
+            pose, reading.ends, assets.field, reading.level, reading.base
+        )
+    elif inside.any():
+        evidence = likelihood_field.evidence(pose[inside], reading.ends, assets.field, reading.level, reading.base)
+        log_ratio[inside] = params.beam_gain * evidence
+    if inside.any():
+        # one glance at a crowd in front of the robot is no proof that it has left
+        log_ratio[inside] += max(0.0, -_MOST_AGAINST - float(log_ratio[inside].max()))
+    top = max(0.0, float(log_ratio.max(initial=0.0)))
+    if params.outside_likelihood:
+        weight = weight * np.exp(log_ratio - top)
+        b1 = b1 * float(np.exp(-top))
+        total = float(weight.sum()) + b1
+        return weight / total, b1 / total, top + float(np.log(total))
+    before = float(weight[inside].sum())
+    updated = weight[inside] * np.exp(log_ratio[inside] - top)
+    if updated.sum() > 0.0:
+        weight = weight.copy()
+        weight[inside] = updated * (before / updated.sum())
+    return weight, b1, top + float(np.log(updated.sum() / before)) if before > 0.0 and updated.sum() > 0.0 else 0.0
+
+
+def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float32]) -> tuple[State, Info]:
+    """Estimate and record."""
+    b = belief.b
+    inside = (belief.label == 3) | (belief.label == 2) | (belief.label == 6)
+    in_map = float(b[2] + b[3] + b[6])
+    nowhere = estimate.PoseEstimate(np.full(3, np.nan), np.full((3, 3), np.nan), 0.0)
+    found = nowhere
+    if inside.any() and in_map >= 0.5:
+        found = estimate.densest(belief.pose[inside], belief.weight[inside], _MODE_M, _MODE_RAD)
+    elif b[4] + b[5] > b[1]:
+        found = estimate.whole(belief.pose[~inside], belief.weight[~inside])
+    state.track.update(found.pose, found.cov)
+    state.in_map.append(in_map)
+    state.stamps_ns.append(sweep.stamp_ns)
+    state.history.append(smooth.Step(belief.transition, belief.predicted, b))
+    counts = np.bincount(belief.label, minlength=7)
+    t = belief.transition
+    rows = t.sum(axis=1)
+    share = np.divide(t, rows[:, None], out=np.zeros((7, 7)), where=rows[:, None] > 0)
+    state.frames.offer(sweep.stamp_ns, found.pose, belief.pose, ends.T, belief.label)
+    known = in_map >= 0.5 and inside.any()
+    info = Info(
+        sweep.stamp_ns,
+        *(float(v) for v in b[1:]),
+        float(share[1, 2]),
+        float(share[2, 3]),
+        float(share[3, 4]),
+        float(share[4, 5]),
+        float(share[5, 6]),
+        float(share[6, 3]),
+        *(int(v) for v in counts[2:]),
+        belief.n_eff,
+        belief.log_evidence,
+        in_map,
+        found.mass / in_map if known else 0.0,
+        float(np.sqrt(max(0.0, found.cov[0, 0] + found.cov[1, 1]))) if np.isfinite(found.cov[0, 0]) else np.inf,
+        state.way_m,
+        ends.shape[1],
+    )
+    return state, info
+
+
+def finish(state: State, assets: Assets, params: Params) -> Result:
+    """Track with the probability of being in the map, entries and exits."""
+    in_map = np.array(state.in_map)
+    columns = {"in_map": in_map}
+    if params.smooth:
+        smoothed = smooth.backward(state.history)
+        for k in range(1, 7):
+            columns[f"b{k}_smoothed"] = smoothed[:, k]
+        in_map = smoothed[:, 2] + smoothed[:, 3] + smoothed[:, 6]
+        columns["in_map_smoothed"] = in_map
+    summary = {
+        "updates": len(state.stamps_ns),
+        "crossings": smooth.crossings(np.array(state.stamps_ns), in_map),
+        "in_map_at_end": round(float(in_map[-1]), 4),
+        "particles_at_end": int(state.pose.shape[0]),
+    }
+    return Result(state.track.track(columns), assets.grid, state.frames.frames(), summary)
+
+
+SYSTEM = System(
+    name="localize-partial",
+    params=Params,
+    info=Info,
+    needs=(frozenset({"motion", "scan"}),),
+    load=load,
+    init=init,
+    step=step,
+    finish=finish,
+)

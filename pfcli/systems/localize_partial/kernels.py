@@ -1,0 +1,157 @@
+"""Kernels that only this paper needs: classes of moved particles, entries at frontiers, resampling by cluster."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.geometry import wrap
+from pfcli.core.grid.region import Region, crosses_wall, place_at, places_of
+from pfcli.core.jit import kernel
+from pfcli.core.resample.kld import bound, occupied_bins
+from pfcli.core.threads import spread
+
+FIRST, LAST = 2, 6
+WALL_FACTOR = 1e-3
+"""What is left of a particle that moved through a wall."""
+
+
+@kernel
+def _move_rows(low, high, poses, classes, step, sd, z, place, frame, moved, labels, factor):  # type: ignore[no-untyped-def]
+    for i in range(low, high):
+        dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
+        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        x, y = poses[i, 0] + c * dx - s * dy, poses[i, 1] + s * dx + c * dy
+        moved[i, 0], moved[i, 1], moved[i, 2] = x, y, wrap(poses[i, 2] + step[2] + sd[2] * z[i, 2])
+        inside = place_at(place, frame, x, y) != 0
+        if classes[i] == 4 or classes[i] == 5:
+            labels[i] = 6 if inside else 5
+        else:
+            labels[i] = 3 if inside else 4
+        factor[i] = WALL_FACTOR if crosses_wall(place, frame, poses[i, 0], poses[i, 1], x, y) else 1.0
+
+
+def move(
+    poses: NDArray[np.float64],
+    classes: NDArray[np.uint8],
+    step: NDArray[np.float64],
+    sd: NDArray[np.float64],
+    z: NDArray[np.float64],
+    region: Region,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
+    """Poses after the step with noise, their classes by table 1, and what is left of each weight. Zhang 2010, section 2.
+
+    poses: (n, 3); classes: uint8 (n,) of 2 .. 6; step, sd: (3,) m, m, rad; z: (n, 3) standard normal.
+    A move through a wall leaves WALL_FACTOR of the weight, so that the map is left and entered at frontiers only.
+    """
+    n = poses.shape[0]
+    moved, labels, factor = np.empty((n, 3)), np.empty(n, np.uint8), np.empty(n)
+    spread(_move_rows, n, poses, classes, step, sd, z, region.place, region.frame, moved, labels, factor)
+    return moved, labels, factor
+
+
+@kernel
+def entries(edge_xy, count, resolution_m, step, u, place, frame, strict):  # type: ignore[no-untyped-def]
+    """Poses of robots that may just have come in: near a frontier, and outside before the step. Zhang 2010, definition 1.
+
+    edge_xy: (e, 2), of which the first `count` cells are near enough; u: (n, 4) in [0, 1). strict: only headings with
+    which the step came from outside, on a way free of walls. Returns (m, 3), m <= n.
+    """
+    out = np.empty((u.shape[0], 3))
+    m = 0
+    for i in range(u.shape[0]):
+        k = min(int(u[i, 0] * count), count - 1)
+        x = edge_xy[k, 0] + (u[i, 1] - 0.5) * resolution_m
+        y = edge_xy[k, 1] + (u[i, 2] - 0.5) * resolution_m
+        yaw = (u[i, 3] - 0.5) * 2 * np.pi
+        before = yaw - step[2]
+        c, s = np.cos(before), np.sin(before)
+        px, py = x - (c * step[0] - s * step[1]), y - (s * step[0] + c * step[1])
+        if strict and (place_at(place, frame, px, py) != 0 or crosses_wall(place, frame, px, py, x, y)):
+            continue
+        out[m, 0], out[m, 1], out[m, 2] = x, y, yaw
+        m += 1
+    return out[:m]
+
+
+@kernel
+def flow(before, after, weights):  # type: ignore[no-untyped-def]
+    """(7, 7): weight that went from each class to each (eqs (8)-(12), not yet divided by the source's weight)."""
+    out = np.zeros((7, 7))
+    for i in range(weights.size):
+        out[before[i], after[i]] += weights[i]
+    return out
+
+
+@kernel
+def masses(classes, weights):  # type: ignore[no-untyped-def]
+    """(7,): weight of each class."""
+    out = np.zeros(7)
+    for i in range(weights.size):
+        out[classes[i]] += weights[i]
+    return out
+
+
+@kernel
+def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_rad, negligible):  # type: ignore[no-untyped-def]
+    """Resample each cluster on its own, when its N_eff is low or it has grown too large.
+
+    weights: (n,), global; u: (7,), one offset per class; least, most: particles of a cluster; share: resample below
+    this N_eff / n; error: for the KLD bound (0: always `most`). Clusters with less than `negligible` weight are dropped,
+    and the outside classes 4 and 5 get a tenth of `most` at the most.
+    Returns (poses, classes, weights).
+    """
+    n = poses.shape[0]
+    room = n + (LAST - FIRST + 1) * most
+    new_poses, new_classes, new_weights = np.empty((room, 3)), np.empty(room, np.uint8), np.empty(room)
+    members, chosen = np.empty(n, np.int64), np.empty(max(most, 1), np.int64)
+    count = 0
+    for k in range(FIRST, LAST + 1):
+        m, mass, squares = 0, 0.0, 0.0
+        for i in range(n):
+            if classes[i] == k:
+                members[m] = i
+                m += 1
+                mass += weights[i]
+                squares += weights[i] * weights[i]
+        if m == 0 or mass <= negligible:
+            continue
+        # an entry starts with little weight and must live until the map has spoken; an exit is tracked by odometry alone
+        limit = most if k == 2 or k == 3 or k == 6 else max(min(least, most), most // 10)
+        if m <= limit and mass * mass >= share * m * squares:
+            for j in range(m):
+                new_poses[count], new_classes[count], new_weights[count] = poses[members[j]], k, weights[members[j]]
+                count += 1
+            continue
+        wanted = _draw(members, m, weights, mass, u[k], limit, chosen)
+        if error > 0.0:
+            bins = occupied_bins(poses, chosen[:wanted], side_m, side_rad)
+            wanted = _draw(
+                members, m, weights, mass, u[k], max(min(least, limit), min(limit, bound(bins, error, 2.33))), chosen
+            )
+        for j in range(wanted):
+            new_poses[count], new_classes[count], new_weights[count] = poses[chosen[j]], k, mass / wanted
+            count += 1
+    return new_poses[:count], new_classes[:count], new_weights[:count]
+
+
+@kernel
+def _draw(members, m, weights, mass, u, wanted, chosen):  # type: ignore[no-untyped-def]
+    """Systematic choice of `wanted` members into `chosen`."""
+    total, k = weights[members[0]], 0
+    for j in range(wanted):
+        pointer = (j + u) / wanted * mass
+        while pointer >= total and k < m - 1:
+            k += 1
+            total += weights[members[k]]
+        chosen[j] = members[k]
+    return wanted
+
+
+def places(region: Region, xy: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """OUTSIDE, INSIDE or WALL of each point (n, 2)."""
+    found: NDArray[np.uint8] = places_of(region.place, region.frame, np.ascontiguousarray(xy, np.float64))
+    return found
+
+
+def place_name(region: Region, pose: tuple[float, float, float]) -> str:
+    """`free`, `in a wall` or `outside the map`."""
+    return ("outside the map", "free", "in a wall")[int(places(region, np.array([pose[:2]]))[0])]
