@@ -1,4 +1,5 @@
-"""CARMEN logs (`.log`, `.clf`, also gzip and bzip2): ODOM, FLASER and ROBOTLASER1 lines.
+"""CARMEN logs (`.log`, `.clf`, also gzip and bzip2): ODOM, FLASER and ROBOTLASER1 lines, and their older kin with O and
+L lines in cm (Wean Hall).
 
 FLASER lines carry no angles: 180 beams start at -90 deg in steps of 1 deg, 360 at -90 deg in steps of 0.5 deg, an odd
 number spans +-90 deg inclusive.
@@ -58,7 +59,7 @@ def read(path: Path) -> tuple[list[Record], int]:
     except (OSError, EOFError) as error:
         raise LogError(f"{path}: cannot be read as a CARMEN log ({reason(error)})") from None
     if not records:
-        raise LogError(f"{path}: holds no ODOM, FLASER or ROBOTLASER1 line")
+        raise LogError(f"{path}: holds no ODOM, FLASER or ROBOTLASER1 line (nor O and L lines in cm)")
     return records, broken
 
 
@@ -101,7 +102,28 @@ def _robotlaser(w: list[str]) -> Record:
     )
 
 
-_PARSERS = {"ODOM": _odom, "FLASER": _flaser, "ROBOTLASER1": _robotlaser}
+def _bee_odometry(w: list[str]) -> Record:
+    """`O x y theta ts` (cm, rad, s)."""
+    x, y, yaw = float(w[1]) / 100, float(w[2]) / 100, float(w[3])
+    if len(w) != 5 or not math.isfinite(x + y + yaw):
+        raise ValueError
+    return Record((x, y, yaw), (math.nan, math.nan), w[4])
+
+
+def _bee_laser(w: list[str]) -> Record:
+    """`L x y theta xl yl thetal r1 .. rn ts` (cm, rad, s), beams from the right to the left over 180 degrees."""
+    n = len(w) - 8
+    x, y, lx, ly = (float(w[k]) / 100 for k in (1, 2, 4, 5))
+    yaw, lyaw = float(w[3]), float(w[6])
+    ranges = np.array(w[7:-1], np.float32) / np.float32(100)
+    if n < 2 or not math.isfinite(x + y + yaw + lx + ly + lyaw):
+        raise ValueError
+    step = math.radians(180.0 / (n - 1 if n % 2 else n))
+    mount = _mount((lx, ly, lyaw), (x, y, yaw))
+    return Record((x, y, yaw), (math.nan, math.nan), w[-1], ranges, (-math.pi / 2, step), 0.0, mount)
+
+
+_PARSERS = {"ODOM": _odom, "FLASER": _flaser, "ROBOTLASER1": _robotlaser, "O": _bee_odometry, "L": _bee_laser}
 
 
 def _mount(laser: Sequence[float], robot: Sequence[float]) -> Pose2:

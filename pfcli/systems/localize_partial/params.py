@@ -17,7 +17,7 @@ class Params:
             choices=("corrected", "paper"),
         ),
     ] = "corrected"
-    particles: Annotated[int, Opt("most particles of a cluster", "", 1, 1_000_000)] = 20_000
+    particles: Annotated[int, Opt("most particles of a cluster", "", 1, 1_000_000)] = 50_000
     min_particles: Annotated[int, Opt("fewest particles of a cluster that holds mass", "", 1, 1_000_000)] = 200
     start_density_per_m2: Annotated[float, Opt("particles at an unknown start, per free area", "1/m^2", 0.1, 1e5)] = (
         100.0
@@ -51,7 +51,7 @@ class Params:
     ] = 0.02
     z_hit: Annotated[float, Opt("share of beams that end at mapped surfaces", "", 0.01, 0.999)] = 0.8
     reach_m: Annotated[float, Opt("how far a beam reads in an unknown place", "m", 0.1, 1000)] = 5.0
-    beam_gain: Annotated[float, Opt("how many independent beams one beam is worth", "", 1e-4, 10)] = 0.1
+    beam_gain: Annotated[float, Opt("how many independent beams one beam is worth", "", 1e-4, 10)] = 0.07
     resample_threshold: Annotated[float, Opt("resample a cluster when N_eff falls below this share", "", 0, 1)] = 0.5
     motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.1
     motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
