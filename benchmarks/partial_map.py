@@ -90,7 +90,7 @@ def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
     truth = list(Log(log).events(["truth"]))
     there = metrics.interpolate(stamps, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth]))
     grid = map_yaml.read(map_file)
-    region = region_of(grid.cells, grid.resolution_m, tuple(grid.origin))
+    region = region_of(grid.cells, grid.resolution_m, grid.origin)
     inside = kernels.places(region, there[:, :2]) != 0
     index = np.searchsorted(done.result.track.stamps_ns, stamps)
     poses = done.result.track.poses[index]
@@ -161,8 +161,8 @@ def judge(d: Drive) -> Score:
 def table(seeds: int, variant: str, scenarios: list[str], **params: Any) -> list[Score]:
     """Print a row per scenario and the whole."""
     print(
-        f"\n{variant} {params or ''}\n| scenario | in/out right | Brier | noticed after [m]: median, 90 % | entries with the right pose"
-        " within 8 m | false entries | pose inside [m, deg] | ms an update |"
+        f"\n{variant} {params or ''}\n| scenario | in/out right | Brier | noticed after [m]: median, 90 % |"
+        " entries with the right pose within 8 m | false entries | pose inside [m, deg] | ms an update |"
     )
     print("|---|---|---|---|---|---|---|---|")
     every: list[Score] = []

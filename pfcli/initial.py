@@ -26,10 +26,10 @@ class Initial(NamedTuple):
 
 def parse(text: str, heading: str | None = None) -> Initial:
     """From the words of the command line. Raises UsageError naming the flag."""
-    prior = None
+    prior: tuple[float, float] | None = None
     if heading is not None:
-        prior = _numbers("--heading-prior", heading, (1, 2), "YAW[,SD] in rad")
-        prior = (prior[0], prior[1] if len(prior) > 1 else 0.2)
+        given = _numbers("--heading-prior", heading, (1, 2), "YAW[,SD] in rad")
+        prior = (given[0], given[1] if len(given) > 1 else 0.2)
     if text in ("unknown", "inside", "outside"):
         return Initial(text, heading=prior)
     if text.startswith("region:"):

@@ -9,6 +9,8 @@ from pfcli.core.geometry import wrap
 from pfcli.core.jit import kernel
 from pfcli.core.particles import pose_bin
 
+_CANDIDATES = 12
+
 
 class PoseEstimate(NamedTuple):
     """pose (3,), m and rad; cov (3, 3); mass: share of the weight that it rests on."""
@@ -50,20 +52,14 @@ def _around(poses, weights, centre, reach_m, reach_rad, mean, cov):  # type: ign
 
 
 @kernel
-def _densest(poses, weights, side_m, side_rad, slots):  # type: ignore[no-untyped-def]
-    """Index of the heaviest pose in the heaviest bin (hashed, so that the extent of the map does not matter)."""
-    mask = slots.size - 1
-    best, heaviest = np.uint64(0), -1.0
+def _fill(poses, weights, side_m, side_rad, slots, heaviest):  # type: ignore[no-untyped-def]
+    """Weight of every hashed bin, so that the extent of the map does not matter, and its heaviest pose."""
+    mask = np.uint64(slots.size - 1)
     for i in range(poses.shape[0]):
-        h = pose_bin(poses, i, side_m, side_rad) & np.uint64(mask)
+        h = pose_bin(poses, i, side_m, side_rad) & mask
         slots[h] += weights[i]
-        if slots[h] > heaviest:
-            heaviest, best = slots[h], h
-    chosen, weight = 0, -1.0
-    for i in range(poses.shape[0]):
-        if pose_bin(poses, i, side_m, side_rad) & np.uint64(mask) == best and weights[i] > weight:
-            chosen, weight = i, weights[i]
-    return chosen
+        if heaviest[h] < 0 or weights[i] > weights[heaviest[h]]:
+            heaviest[h] = i
 
 
 def whole(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> PoseEstimate:
@@ -80,10 +76,17 @@ def densest(poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: f
 
     poses: (n, 3); weights: (n,). A mean over several hypotheses would lie between them, where the robot is not.
     """
-    slots = np.zeros(1 << max(8, int(poses.shape[0] * 2).bit_length()))
-    start = poses[_densest(poses, weights, reach_m, reach_rad, slots)]
-    mean, cov = start.copy(), np.zeros((3, 3))
-    mass = _around(poses, weights, start, reach_m, reach_rad, mean, cov)
-    centre = mean.copy()
-    mass = _around(poses, weights, centre, reach_m, reach_rad, mean, cov)
-    return PoseEstimate(mean, cov, float(mass))
+    size = 1 << max(8, int(poses.shape[0] * 2).bit_length())
+    slots, heaviest = np.zeros(size), np.full(size, -1)
+    _fill(poses, weights, reach_m, reach_rad, slots, heaviest)
+    best = PoseEstimate(poses[int(np.argmax(weights))].copy(), np.zeros((3, 3)), 0.0)
+    # a hypothesis on the border of bins is split among up to eight of them: compare whole neighbourhoods
+    for slot in np.argsort(-slots, kind="stable")[:_CANDIDATES].tolist():
+        if slots[slot] <= 0.0:
+            break
+        mean, cov = poses[heaviest[slot]].copy(), np.zeros((3, 3))
+        for _ in range(2):
+            mass = _around(poses, weights, mean.copy(), reach_m, reach_rad, mean, cov)
+        if mass > best.mass:
+            best = PoseEstimate(mean, cov, float(mass))
+    return best

@@ -14,6 +14,7 @@ from pfcli.events import Pose2
 
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
 MAX_PIXELS = 1 << 28
+Image.MAX_IMAGE_PIXELS = None  # the limit here is MAX_PIXELS, an error with a name instead of a warning
 
 
 class GridMap(NamedTuple):

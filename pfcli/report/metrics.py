@@ -170,12 +170,13 @@ class Errors(NamedTuple):
     yaw_rad: _Array
 
     def summary(self) -> dict[str, Any]:
-        """ATE (RMSE), mean and maximum."""
+        """ATE (RMSE), mean, median and maximum."""
         p, a = (v[np.isfinite(v)] for v in (self.position_m, self.yaw_rad))
         return {
             "poses": int(p.size),
             "ate_m": round(float(np.sqrt((p**2).mean())), 6),
             "mean_m": round(float(p.mean()), 6),
+            "median_m": round(float(np.median(p)), 6),
             "max_m": round(float(p.max()), 6),
             "heading_rmse_deg": round(float(np.degrees(np.sqrt((a**2).mean()))), 6),
         }

@@ -41,7 +41,7 @@ def drive(route: NDArray[np.float64], robot: Robot) -> Iterator[tuple[float, flo
 
     A way point that is NaN carries the robot to the one after it, where it looks towards the next.
     """
-    x, y, yaw = *route[0].tolist(), math.nan
+    x, y, yaw = math.nan, math.nan, math.nan
     for k, (tx, ty) in enumerate(route.tolist()):
         if math.isnan(tx):
             continue

@@ -27,8 +27,10 @@ _CARRIED_M = 0.5
 class Scenario(NamedTuple):
     """What is simulated.
 
-    people: how many walk about; people_keep_m: so near to the scanner they are not (they step aside); duration_s: stop after so long (0: when the route ends); rate_hz: of the scanner (0: its
-    own); odometry_hz: of odometry and truth; encoding: `ros2` (CDR, odometry) or `json` (wheel ticks, no ROS).
+    people: how many walk about; people_keep_m: nearer to the scanner they are not (they step aside); duration_s: stop
+    after so long (0: when the route ends); rate_hz: of the scanner (0: its own); odometry_hz: of odometry and truth;
+    encoding: `ros2` (CDR, odometry) or `json` (wheel ticks, no ROS); known_share: how much of the world's width, from
+    the west, the partial map covers.
     """
 
     name: str

@@ -3,6 +3,7 @@
 import functools
 import itertools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -192,7 +193,7 @@ def symmetric(seed: int) -> World:
     )
 
 
-WORLDS = {
+WORLDS: dict[str, Callable[[int], World]] = {
     "office": lambda seed: office(seed),
     "paper-40x25": lambda seed: office(seed),
     "paper-60x50": lambda seed: ring(52.0, 42.0, 2.4, 0.0, seed, laps=4),

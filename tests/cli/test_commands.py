@@ -324,3 +324,97 @@ def test_pipes_carry_json_only(sample: Sample) -> None:
     words = f"{pfcli} info --json {sample('small-loop')} | {reader}"
     done = subprocess.run(["sh", "-c", words], capture_output=True, text=True, check=True)
     assert int(done.stdout) > 1000
+
+
+PARTIAL_MAP = Path(__file__).resolve().parents[2] / "sample_logs/partial-partial.yaml"
+
+
+def test_a_partial_map_is_localised_in_left_and_entered_again(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    words = ["localize-partial", sample("partial"), "--map", PARTIAL_MAP, "--truth", "auto", "--smooth", "--json"]
+    done = pfcli(*words, "--out", tmp_path / "run", "--plot", tmp_path / "run.png")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert [c["kind"] for c in found["crossings"]] == ["exit", "entry"]
+    assert found["in_map_at_end"] > 0.95
+    assert found["truth"]["poses"] > 0.9 * found["scans"]
+    import pyarrow.parquet as pq
+
+    rows = pq.read_table(tmp_path / "run/metrics.parquet").to_pydict()
+    total = [sum(rows[f"b{k}"][i] for k in range(1, 7)) for i in range(len(rows["b1"]))]
+    assert total == pytest.approx([1.0] * len(total))
+    assert {"in_map", "in_map_smoothed", "b5_smoothed"} <= set(pq.read_schema(tmp_path / "run/track.parquet").names)
+    assert "particle_class" in pq.read_schema(tmp_path / "run/frames.parquet").names
+
+
+def _map_file(folder: Path, cells: np.ndarray, resolution: float = 0.05) -> Path:
+    from pfcli.events import Pose2
+    from pfcli.formats import map_yaml
+
+    map_yaml.write(folder, map_yaml.GridMap(cells.astype(np.int8), resolution, Pose2()))
+    return folder / "map.yaml"
+
+
+@pytest.mark.parametrize(
+    ("flaw", "words", "said"),
+    [
+        ("closed", [], "no frontier"),
+        ("walls", [], "no free cells"),
+        ("open", ["--initial", "90,90,0"], "outside the map"),
+        ("open", ["--initial", "0.51,1.0,0"], "in a wall"),
+        ("open", ["--initial", "here"], "--initial here"),
+    ],
+)
+def test_a_map_or_a_start_that_cannot_be_used_is_one_line(
+    flaw: str, words: list[str], said: str, pfcli: Cli, sample: Sample, tmp_path: Path
+) -> None:
+    cells = np.full((60, 100), -1)
+    cells[10:50, 10:90] = 0
+    cells[10:50, 10] = 1
+    if flaw == "closed":
+        cells[:] = 0
+        cells[[0, -1], :] = cells[:, [0, -1]] = 1
+    if flaw == "walls":
+        cells[:] = 1
+    target = _map_file(tmp_path, cells)
+    done = pfcli("localize-partial", sample("partial"), "--map", target, "--out", tmp_path / "out", *words)
+    _one_line(done, 1 if flaw != "open" else 2, said)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("image: none.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n", "none.pgm"),
+        ("image: map.pgm\nresolution: 0\norigin: [0, 0, 0]\n", "resolution"),
+        (
+            "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nfree_thresh: 0.9\noccupied_thresh: 0.2\n",
+            "free_thresh",
+        ),
+        ("[1, 2]\n", "map YAML"),
+    ],
+)
+def test_a_broken_map_file_is_one_line(text: str, said: str, pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    target = _map_file(tmp_path, np.zeros((20, 20)))
+    target.write_text(text)
+    done = pfcli("localize-partial", sample("partial"), "--map", target, "--out", tmp_path / "out")
+    _one_line(done, 1, said)
+
+
+def test_a_rotated_map_gives_the_rotated_track(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    """The same map with its origin turned by 0.3 rad: the estimates turn with it."""
+    from pfcli.formats import map_yaml, tum
+
+    plain = map_yaml.read(PARTIAL_MAP)
+    c, s = np.cos(0.3), np.sin(0.3)
+    x, y = plain.origin.x_m, plain.origin.y_m
+    turned = plain._replace(origin=plain.origin._replace(x_m=c * x - s * y, y_m=s * x + c * y, yaw_rad=0.3))
+    map_yaml.write(tmp_path, turned)
+    ends = []
+    for name, target in (("a", PARTIAL_MAP), ("b", tmp_path / "map.yaml")):
+        start = "3,0,0" if name == "a" else f"{c * 3:.6f},{s * 3:.6f},0.3"
+        words = ["--map", target, "--initial", start, "--end", "15", "--out", tmp_path / name]
+        done = pfcli("localize-partial", sample("partial"), *words)
+        assert done.returncode == 0, done.stderr
+        ends.append(tum.read(tmp_path / name / "track.tum")[1][-1])
+    expected = np.array([c * ends[0][0] - s * ends[0][1], s * ends[0][0] + c * ends[0][1], ends[0][2] + 0.3])
+    assert ends[1] == pytest.approx(expected, abs=0.1)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pfcli.errors import LogError
+from pfcli.events import Pose2
 from pfcli.formats import carmen
 
 FLASER = "FLASER 3 1.0 2.0 81.83 1.25 2.0 0.0 1.0 2.0 0.0 12.040413 host 0.1\n"
@@ -74,3 +75,18 @@ def test_unreadable_lines_are_counted_and_an_empty_log_refused(tmp_path: Path) -
     (tmp_path / "z.clf.bz2").write_bytes(b"not bzip2")
     with pytest.raises(LogError, match="cannot be read"):
         carmen.read(tmp_path / "z.clf.bz2")
+
+
+def test_lines_in_centimetres_are_read_with_their_mount(tmp_path: Path) -> None:
+    ranges = " ".join(["150"] * 179 + ["8183"])
+    path = tmp_path / "bee.log"
+    path.write_text(f"O 100.0 200.0 0.5 1.25\nL 100.0 200.0 0.0 125.0 200.0 0.0 {ranges} 1.5\nO 1 2\n")
+    records, broken = carmen.read(path)
+    assert broken == 1
+    assert records[0].odometry == (1.0, 2.0, 0.5)
+    assert records[0].stamp == "1.25"
+    assert records[1].mount == Pose2(0.25, 0.0, 0.0)
+    assert records[1].ranges_m is not None
+    assert records[1].ranges_m[0] == pytest.approx(1.5)
+    assert records[1].ranges_m[-1] == pytest.approx(81.83)
+    assert records[1].angles == pytest.approx((-np.pi / 2, np.pi / 180))

@@ -73,13 +73,14 @@ def build(
         if unknown:
             value[(cells == -1) & (value < 0.0)] = UNKNOWN
         table[level, 1:-1, 1:-1] = value
-    return Field(table.ravel(), *table.shape[1:], grid_frame(resolution_m, origin, 1), float(origin[2]))
+    _, rows, cols = table.shape
+    return Field(table.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]))
 
 
 def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) -> NDArray[np.int32]:
     """Level (b,) at which the spread covers what a heading error of `yaw_sd_rad` moves each end point (2, b) by."""
     swing = np.maximum(1.0, np.hypot(points[0], points[1]) * yaw_sd_rad / sigma_m)
-    return np.minimum(np.floor(np.log2(swing)), LEVELS - 1).astype(np.int32)
+    return np.asarray(np.minimum(np.floor(np.log2(swing)), LEVELS - 1), np.int32)
 
 
 @reduction_kernel
@@ -123,10 +124,9 @@ def evidence(
 ) -> NDArray[np.float64]:
     """Sum of the evidence of the beams for each pose.
 
-    poses: (n, 3) in the map frame (m, rad); points: float32 (2, b), end points in the base frame (m); level: int32 (b,), the field
-    of each beam (None: 0); base: float32 (2, b),
-    evidence that each beam has without the map, for a pose that explains it (row 0) and for one that does not (row 1);
-    it is subtracted (None: 0). Returns (n,).
+    poses: (n, 3) in the map frame (m, rad); points: float32 (2, b), end points in the base frame (m); level: int32
+    (b,), the field of each beam (None: 0); base: float32 (2, b), evidence that each beam has without the map, for a pose
+    that explains it (row 0) and for one that does not (row 1); it is subtracted (None: 0). Returns (n,).
     """
     if level is None:
         level = np.zeros(points.shape[1], np.int32)

@@ -60,7 +60,7 @@ def band_count(region: Region, moved: NDArray[np.float64], sd: NDArray[np.float6
 
 class Reading(NamedTuple):
     """What an update brings: step (3,) since the last one in the base frame, whether it is the first, end points of the
-    scan float32 (2, b), the level of the field for each beam (b,), what the last metres explain of each beam (2, b), and the stamp."""
+    scan float32 (2, b), for each beam the level of the field (b,) and what the last metres explain (2, b), the stamp."""
 
     moved: NDArray[np.float64]
     first: bool

@@ -91,7 +91,7 @@ class State(NamedTuple):
 def load(params: Params, job: Any) -> Assets:
     """Read the map. Raises LogError where nobody could be localised in it, UsageError where the start lies outside."""
     grid = map_yaml.read(job.map)
-    origin = tuple(grid.origin)
+    origin = grid.origin
     region = region_of(grid.cells, grid.resolution_m, origin, params.robot_radius_m, params.pocket_m2)
     if region.free_xy.size == 0:
         raise LogError(
@@ -120,11 +120,11 @@ def _start_cells(region: Region, initial: Initial) -> NDArray[np.float64]:
         return region.free_xy
     assert initial.region is not None
     marked = map_yaml.read(initial.region)
-    allowed = region_of(marked.cells, marked.resolution_m, tuple(marked.origin), 0.0)
+    allowed = region_of(marked.cells, marked.resolution_m, marked.origin, 0.0)
     inside = kernels.places(allowed, region.free_xy) == 1
     if not inside.any():
         raise UsageError(f"--initial region:{initial.region}: none of its free cells is a free cell of the map")
-    return region.free_xy[inside]
+    return np.asarray(region.free_xy[inside])
 
 
 def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
@@ -369,23 +369,20 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     share = np.divide(t, rows[:, None], out=np.zeros((7, 7)), where=rows[:, None] > 0)
     state.frames.offer(sweep.stamp_ns, found.pose, belief.pose, ends.T, belief.label)
     known = in_map >= 0.5 and inside.any()
+    shares: dict[str, Any] = {f"b{k}": float(b[k]) for k in range(1, 7)}
+    shares |= {f"p{i}{j}": float(share[i, j]) for i, j in ((1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 3))}
+    shares |= {f"n{k}": int(counts[k]) for k in range(2, 7)}
+    variance = found.cov[0, 0] + found.cov[1, 1]
     info = Info(
-        sweep.stamp_ns,
-        *(float(v) for v in b[1:]),
-        float(share[1, 2]),
-        float(share[2, 3]),
-        float(share[3, 4]),
-        float(share[4, 5]),
-        float(share[5, 6]),
-        float(share[6, 3]),
-        *(int(v) for v in counts[2:]),
-        belief.n_eff,
-        belief.log_evidence,
-        in_map,
-        found.mass / in_map if known else 0.0,
-        float(np.sqrt(max(0.0, found.cov[0, 0] + found.cov[1, 1]))) if np.isfinite(found.cov[0, 0]) else np.inf,
-        state.way_m,
-        ends.shape[1],
+        t_ns=sweep.stamp_ns,
+        **shares,
+        n_eff=belief.n_eff,
+        log_evidence=belief.log_evidence,
+        in_map=in_map,
+        mode_share=found.mass / in_map if known else 0.0,
+        sd_m=float(np.sqrt(variance)) if np.isfinite(variance) else np.inf,
+        way_m=state.way_m,
+        beams=ends.shape[1],
     )
     return state, info
 

@@ -43,7 +43,8 @@ class Params:
     pocket_m2: Annotated[float, Opt("unknown patches smaller than this belong to the inside", "m^2", 0, 1e6)] = 1.0
     beams: Annotated[int, Opt("beams of a scan that are used", "", 1, 100_000)] = 60
     max_range_m: Annotated[
-        float, Opt("use beams up to this range: farther ones swing too wide; 0 takes the messages' range_max", "m", 0, 1000)
+        float,
+        Opt("use beams up to this range: farther ones swing too wide; 0 takes the messages' range_max", "m", 0, 1000),
     ] = 10.0
     sigma_hit_m: Annotated[float, Opt("spread of end points around mapped surfaces", "m", 1e-3, 10)] = 0.1
     heading_sd_rad: Annotated[

@@ -1,0 +1,89 @@
+"""localize-partial on recorded logs: Wean Hall log 3 from a global start, Intel and ACES in maps of their first part.
+
+python benchmarks/partial_real.py [seeds]
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import partial_map
+import worlds
+
+from pfcli import run
+from pfcli.core.grid.region import region_of
+from pfcli.formats import map_yaml, parquet
+from pfcli.initial import Initial
+from pfcli.params import build
+from pfcli.registry import system
+from pfcli.replay import Settings
+from pfcli.report import metrics
+from pfcli.systems.localize_partial import kernels
+
+WEAN_END = np.array([39.78, 39.81, -0.03])
+CUT_S = {"intel": 900.0, "aces": 500.0}
+
+
+def wean(seeds: int) -> None:
+    """End pose of log 3 against the one on which independent filters agree."""
+    log = worlds.LOGS / "wean3.mcap"
+    if not log.exists():
+        worlds.LOGS.mkdir(parents=True, exist_ok=True)
+        worlds.pfcli("convert", str(worlds.DATA / "wean/robotdata3.log.gz"), str(log))
+    print("| Wean log 3, seed | end off by [m] | [deg] | P(in the map) | loop [s] |\n|---|---|---|---|---|")
+    for seed in range(seeds):
+        done = partial_map.localise(log, worlds.DATA / "wean/wean.yaml", seed, Initial("inside"))
+        off = done.result.track.poses[-1] - WEAN_END
+        print(
+            f"| {seed} | {np.hypot(*off[:2]):.3f} | {np.degrees(metrics.wrap(off[2])):.1f} | {done.infos[-1].in_map:.3f} |"
+            f" {done.seconds['loop']:.1f} |",
+            flush=True,
+        )
+
+
+def cut(name: str) -> None:
+    """The whole log in a map of its first part, against its own full SLAM track. Not independent: map and log share scans."""
+    slam = system("slam-gdr")
+    log = worlds.recorded(name)
+    full = worlds.slam(log, 0)
+    first = run.execute(run.Job(slam, build(slam.params, {}, "b"), [log], settings=Settings(end_s=CUT_S[name])))
+    n = first.result.track.stamps_ns.size
+    mine, cut_track = full.result.track.poses[:n], first.result.track.poses
+    truth = metrics.compose(metrics.align_se2(mine, cut_track)[None], full.result.track.poses)
+    residual = np.sqrt(np.mean(np.sum((truth[:n] - cut_track)[:, :2] ** 2, axis=1)))
+    grid = first.result.grid
+    assert grid is not None
+    with tempfile.TemporaryDirectory() as folder:
+        map_yaml.write(Path(folder), grid)
+        done = partial_map.localise(log, Path(folder) / "map.yaml", 0, Initial("unknown"))
+    rows = parquet.columns_of(done.infos, system("localize-partial").info)
+    stamps, said = np.asarray(rows["t_ns"]), np.asarray(rows["in_map"]) >= 0.5
+    there = truth[np.searchsorted(full.result.track.stamps_ns, stamps)]
+    inside = kernels.places(region_of(grid.cells, grid.resolution_m, grid.origin), there[:, :2]) != 0
+    poses = done.result.track.poses[np.searchsorted(done.result.track.stamps_ns, stamps)]
+    error = np.hypot(*(poses - there)[:, :2].T)
+    after = stamps > first.result.track.stamps_ns[-1]
+    for part, chosen in (("all", np.ones(after.size, bool)), ("after the cut", after)):
+        ok = chosen & inside & said & np.isfinite(error)
+        print(
+            f"| {name} {part} | {(said == inside)[chosen].mean():.3f} |"
+            f" {np.median(error[ok]):.3f}, {np.sqrt(np.mean(error[ok] ** 2)):.3f} |"
+            f" {inside[chosen].mean():.2f} | {residual:.3f} | {done.seconds['loop']:.1f} |",
+            flush=True,
+        )
+
+
+def main(seeds: int = 10) -> None:
+    """All tables."""
+    wean(seeds)
+    print(
+        "\n| log | in/out right | error inside [m]: median, RMSE | truly inside | residual of the alignment [m] | loop [s] |"
+    )
+    print("|---|---|---|---|---|---|")
+    for name in CUT_S:
+        cut(name)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

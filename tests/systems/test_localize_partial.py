@@ -1,0 +1,195 @@
+"""The six states, their probabilities, and what the printed algorithm makes of them."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from pfcli.core.grid.region import region_of
+from pfcli.core.sensor import likelihood_field
+from pfcli.events import Pose2
+from pfcli.formats.map_yaml import GridMap
+from pfcli.initial import Initial
+from pfcli.rng import Draw
+from pfcli.systems.localize_partial import anneal, filter, kernels, paper, smooth
+from pfcli.systems.localize_partial.belief import Assets, Belief, Reading
+from pfcli.systems.localize_partial.params import Params
+
+MODEL = likelihood_field.Model(0.1, 0.8, 5.0)
+
+
+def _cells() -> np.ndarray:
+    cells = np.full((60, 220), -1, np.int8)
+    cells[10:50, 10:110] = 0
+    cells[9, 10:110] = cells[50, 10:110] = 1
+    cells[9:51, 9] = 1
+    return cells
+
+
+@pytest.fixture(scope="module")
+def assets() -> Assets:
+    region = region_of(_cells(), 0.05, (0.0, 0.0, 0.0))
+    field = likelihood_field.build(_cells(), 0.05, (0.0, 0.0, 0.0), MODEL, unknown=True)
+    return Assets(GridMap(_cells(), 0.05, Pose2()), region, field, Initial(), region.free_xy)
+
+
+def _reading(moved: float, ends: np.ndarray, first: bool = False) -> Reading:
+    ends = np.ascontiguousarray(ends, np.float32)
+    n = ends.shape[1]
+    return Reading(np.array([moved, 0.0, 0.0]), first, ends, np.zeros(n, np.int32), np.zeros((2, n), np.float32), 7)
+
+
+def test_moves_change_classes_as_table_1_says(assets: Assets) -> None:
+    inside, outside = [3.0, 1.5, 0.0], [7.0, 1.5, 0.0]
+    poses = np.array([inside] * 3 + [[5.4, 1.5, 0.0]] + [outside] * 2 + [[5.6, 1.5, np.pi]] * 2)
+    classes = np.array([2, 3, 6, 3, 4, 5, 4, 5], np.uint8)
+    step = np.array([0.2, 0.0, 0.0])
+    _, labels, factor = kernels.move(poses, classes, step, np.zeros(3), np.zeros((8, 3)), assets.region)
+    assert labels.tolist() == [3, 3, 3, 4, 5, 5, 6, 6]
+    assert (factor == 1.0).all()
+
+
+def test_a_particle_that_drives_through_a_wall_is_nearly_killed_and_not_called_outside(assets: Assets) -> None:
+    pose = np.array([[3.0, 0.6, -np.pi / 2]])
+    step = np.array([0.2, 0.0, 0.0])
+    _, _, factor = kernels.move(pose, np.array([3], np.uint8), step, np.zeros(3), np.zeros((1, 3)), assets.region)
+    assert factor[0] == kernels.WALL_FACTOR
+
+
+def test_entries_stand_at_the_frontier_and_were_outside_before_the_step(assets: Assets) -> None:
+    u = np.random.default_rng(0).random((4000, 4))
+    step = np.array([0.1, 0.0, 0.2])
+    region = assets.region
+    count = int(np.searchsorted(region.edge_m, 0.12, side="right"))
+    found = kernels.entries(region.edge_xy, count, 0.05, step, u, region.place, region.frame, True)
+    before = found[:, 2] - step[2]
+    xy = found[:, :2] - 0.1 * np.stack([np.cos(before), np.sin(before)], 1)
+    assert 100 < len(found) < 4000
+    assert (found[:, 0] > 5.3).all()
+    assert (kernels.places(region, xy) == 0).all()
+
+
+def test_flows_add_up_to_the_weights() -> None:
+    before, after = np.array([2, 3, 3, 5], np.uint8), np.array([3, 3, 4, 6], np.uint8)
+    found = kernels.flow(before, after, np.array([0.1, 0.2, 0.3, 0.4]))
+    assert found[2, 3] == 0.1
+    assert found[3, 3] == 0.2
+    assert found[3, 4] == 0.3
+    assert found[5, 6] == 0.4
+    assert found.sum() == pytest.approx(1.0)
+
+
+def test_the_likelihood_counts_once_where_the_paper_counts_it_twice() -> None:
+    """Fact sheet: 100 particles with p = {1, 99 x 0.01}: correct mean 0.0199, as printed sum p^2 / sum p = 0.507."""
+    p = np.r_[1.0, np.full(99, 0.01)]
+    w = np.full(100, 0.01)
+    assert w @ p == pytest.approx(0.0199)
+    printed = w * p / (w @ p)
+    assert printed @ p == pytest.approx(0.507, abs=1e-3)
+
+
+def _two_classes(assets: Assets) -> tuple[Belief, np.ndarray]:
+    """Class 3 in one place that fits and 99 that do not, class 6 in 100 that half fit."""
+    rng = np.random.default_rng(5)
+    ends = np.array([[0.0, 0.5, -0.5, 1.0], [1.03, 1.03, 1.03, -0.97]])
+    good, bad = (
+        np.array([[3.0, 1.5, 0.0]]),
+        np.column_stack([rng.uniform(2, 4, 99), np.full(99, 1.0), np.full(99, 1.0)]),
+    )
+    half = np.column_stack([rng.uniform(2, 4, 100), np.full(100, 1.4), np.zeros(100)])
+    poses = np.concatenate([good, bad, half])
+    labels = np.r_[np.full(100, 3), np.full(100, 6)].astype(np.uint8)
+    b = np.array([0, 0, 0, 0.5, 0, 0, 0.5])
+    return Belief(poses, labels, np.full(200, 0.005), b), ends
+
+
+def test_both_variants_follow_their_equations(assets: Assets) -> None:
+    belief, ends = _two_classes(assets)
+    params = Params(beam_gain=1.0, outside_likelihood=False, frontier_samples=1, kld=False, resample_threshold=0.0)
+    likelihood = np.exp(likelihood_field.evidence(belief.pose, np.float32(ends), assets.field))
+    mean3, mean6 = likelihood[:100].mean(), likelihood[100:].mean()
+    reading = _reading(0.0, ends, first=True)
+    fixed = assets._replace(initial=Initial("pose"))
+    corrected = filter._update(belief, reading, fixed, params, Draw(0))
+    assert corrected.b[3] == pytest.approx(mean3 / (mean3 + mean6), rel=1e-6)
+    printed = paper.update(belief, reading, fixed, params, Draw(0))
+    twice3 = (likelihood[:100] ** 2).sum() / likelihood[:100].sum()
+    twice6 = (likelihood[100:] ** 2).sum() / likelihood[100:].sum()
+    assert printed.b[3] == pytest.approx(twice3 / (twice3 + twice6), rel=1e-6)
+    assert printed.b[3] > corrected.b[3]
+
+
+def test_scans_move_weight_to_the_outside_only_where_that_is_asked_for(assets: Assets) -> None:
+    belief, _ = _two_classes(assets)
+    wrong = np.array([[0.3, 0.4, 0.5, 0.6], [0.2, 0.1, -0.1, -0.2]])
+    belief = belief._replace(b=np.array([0, 0.2, 0, 0.4, 0, 0, 0.4]), weight=np.full(200, 0.004))
+    fixed = assets._replace(initial=Initial("pose"))
+    reading = _reading(0.0, wrong, first=True)
+    on = filter._update(belief, reading, fixed, Params(beam_gain=1.0), Draw(0))
+    off = filter._update(belief, reading, fixed, Params(beam_gain=1.0, outside_likelihood=False), Draw(0))
+    assert on.b[1] > 0.4
+    assert off.b[1] == pytest.approx(0.2)
+
+
+def test_regrouping_keeps_each_clusters_weight(assets: Assets) -> None:
+    rng = np.random.default_rng(6)
+    poses, labels = rng.normal(0, 1, (3000, 3)), rng.integers(2, 7, 3000).astype(np.uint8)
+    weights = rng.random(3000) ** 4
+    weights /= weights.sum()
+    _, new_labels, new_weights = kernels.regroup(
+        poses, labels, weights, rng.random(7), 50, 400, 0.5, 0.05, 0.5, 0.26, 1e-9
+    )
+    assert kernels.masses(new_labels, new_weights) == pytest.approx(kernels.masses(labels, weights))
+    assert np.bincount(new_labels).max() <= 400
+
+
+def test_gathering_keeps_what_the_blind_poses_stand_for(assets: Assets) -> None:
+    """Weight x likelihood estimates the same integral with and without gathering (many blind poses: a mean of ratios)."""
+    rng = np.random.default_rng(7)
+    ends = np.array([[0.0, 0.5, -0.5, 1.0, 0.3], [1.03, 1.03, 1.03, -0.97, -0.97]])
+    blind = np.column_stack(
+        [rng.uniform(1, 5, 40_000), rng.uniform(0.6, 2.4, 40_000), rng.uniform(-np.pi, np.pi, 40_000)]
+    )
+    params = Params(beam_gain=0.5)
+    reading = _reading(0.1, ends)
+    likelihood = np.exp(0.5 * likelihood_field.evidence(blind, reading.ends, assets.field))
+    ratios = []
+    for seed in range(20):
+        poses, weights = anneal.gather(blind, 1.0, 5000, reading, assets, params, np.random.default_rng(seed))
+        ratios.append(
+            weights @ np.exp(0.5 * likelihood_field.evidence(poses, reading.ends, assets.field)) / likelihood.mean()
+        )
+    # jittered without a Metropolis step the sampler is slightly biased: a tenth, beside five standard errors
+    assert abs(np.mean(ratios) - 1) < 0.1 + 5 * np.std(ratios) / np.sqrt(20)
+
+
+def test_smoothing_equals_the_sum_over_all_class_paths() -> None:
+    rng = np.random.default_rng(8)
+    n, steps = 7, 4
+    start = rng.random(n)
+    start /= start.sum()
+    share = rng.random((steps, n, n))
+    share /= share.sum(axis=2, keepdims=True)
+    likelihood = rng.random((steps, n))
+    b = [start]
+    history = [smooth.Step(np.zeros((n, n)), start, start)]
+    for t in range(steps):
+        transition = b[-1][:, None] * share[t]
+        predicted = transition.sum(axis=0)
+        b.append(predicted * likelihood[t] / (predicted @ likelihood[t]))
+        history.append(smooth.Step(transition, predicted, b[-1]))
+    brute = np.zeros((steps + 1, n))
+    for path in itertools.product(range(n), repeat=steps + 1):
+        p = start[path[0]] * np.prod(
+            [share[t, path[t], path[t + 1]] * likelihood[t, path[t + 1]] for t in range(steps)]
+        )
+        for t, k in enumerate(path):
+            brute[t, k] += p
+    brute /= brute.sum(axis=1, keepdims=True)
+    assert smooth.backward(history) == pytest.approx(brute)
+
+
+def test_crossings_ignore_what_turns_back_halfway() -> None:
+    p = np.array([0.9, 0.9, 0.4, 0.6, 0.9, 0.45, 0.1, 0.3, 0.6, 0.95])
+    found = smooth.crossings(np.arange(10) * 10, p)
+    assert [(c["kind"], c["t_ns"]) for c in found] == [("exit", 50), ("entry", 80)]
