@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from pfcli.core.grid import local_history as lh
 
@@ -22,7 +23,20 @@ def test_a_wall_is_explained_by_the_last_metres_and_a_passer_by_is_not() -> None
 def test_what_lies_too_far_behind_is_forgotten() -> None:
     history = lh.empty()
     point = np.array([[1.0], [0.0]], np.float32)
-    for way in (0.0, 0.5, 1.0, 1.5):
+    for way in np.arange(0.0, 1.9, 0.1):
         lh.remember(history, np.zeros(3), point, np.float32(way), 5.0)
     assert lh.explained_m(history, np.zeros(3), point, np.float32(2.0), 5.0)[1, 0] == 0.0
     assert np.isinf(lh.explained_m(history, np.zeros(3), point, np.float32(9.0), 5.0)).all()
+
+
+@pytest.mark.parametrize(("passes", "surface"), [(2, False), (20, True)])
+def test_where_people_pass_now_and_then_is_no_surface(passes: int, surface: bool) -> None:
+    """Two people who walk the same line hit a place three times each; a wall is hit in every scan."""
+    history = lh.empty()
+    point = np.array([[2.0], [0.0]], np.float32)
+    hits = 3 * passes if passes == 2 else passes
+    for way in np.linspace(0.0, 2.0, hits):
+        lh.remember(history, np.zeros(3), point, np.float32(way), 15.0)
+    away = lh.explained_m(history, np.zeros(3), point, np.float32(2.0), 15.0)
+    assert away[0, 0] == 0.0
+    assert np.isfinite(away[1, 0]) == surface

@@ -14,7 +14,9 @@ from pfcli.core.jit import kernel
 _SIDE = 1024
 _CELL_M = 0.1
 _REACH = 2
-_CONFIRMED_HITS, _CONFIRMED_M = 3, 1.0
+_CONFIRMED_M, _CONFIRMED_PER_M = 1.0, 4.0
+_CONFIRMED_FEWEST, _CONFIRMED_MOST = 3.0, 12.0
+"""A surface has stood for a metre of way and was hit so often per metre since, within these bounds."""
 
 
 class LocalHistory(NamedTuple):
@@ -37,7 +39,8 @@ def explained_m(history, pose, points, way_m, window_m):  # type: ignore[no-unty
     """Distances (2, b) in m of each end point to the nearest place that was hit before; inf where none is near.
 
     pose: (3,) odometry; points: float32 (2, b), base frame. Row 0 counts every hit of the last `window_m` of way, row 1
-    only places that were hit three times and first seen a metre ago: people who walk by do not stay so long.
+    only places first seen a metre ago and hit again and again since: people who walk by do not stay, and where another
+    walked before is no surface either.
     """
     out = np.empty((2, points.shape[1]))
     c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -51,7 +54,9 @@ def explained_m(history, pose, points, way_m, window_m):  # type: ignore[no-unty
                 if way_m - history.way_m[iy, ix] <= window_m:
                     square = float(dx * dx + dy * dy)
                     once = min(once, square)
-                    if history.hits[iy, ix] >= _CONFIRMED_HITS and way_m - history.first_m[iy, ix] >= _CONFIRMED_M:
+                    stood_m = way_m - history.first_m[iy, ix]
+                    enough = max(_CONFIRMED_FEWEST, min(_CONFIRMED_PER_M * stood_m, _CONFIRMED_MOST))
+                    if stood_m >= _CONFIRMED_M and history.hits[iy, ix] >= enough:
                         often = min(often, square)
         out[0, b], out[1, b] = np.sqrt(once) * _CELL_M, np.sqrt(often) * _CELL_M
     return out
