@@ -84,7 +84,8 @@ def yaw_of(x: float, y: float, z: float, w: float) -> float:
 _U32 = struct.Struct("<I")
 _SCAN = struct.Struct("<7fI")
 _POSE = struct.Struct("<7d")
-_TWIST = struct.Struct("<6d")
+_ODOMETRY = struct.Struct("<7d288x6d")
+"""Pose, its covariance (left out) and twist."""
 
 
 def _after_string(buffer: Any, start: int, at: int, end: int) -> tuple[int, int]:
@@ -110,20 +111,35 @@ def _scan(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Scan, s
     return Scan(stamp_ns, ranges, low, step, shortest, longest, Pose2()), frame
 
 
-def _odometry(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Odometry, str]:
-    start, end = offset + 4, offset + length
-    _, at = _after_string(buffer, start, start + 8, end)
-    name, at = _after_string(buffer, start, at, end)
-    frame = bytes(buffer[at - name : at - 1]).decode() if name > 1 else ""
-    at += -(at - start) % 8
-    if at + 680 > end:
-        raise ValueError("message is shorter than its type")
-    x, y, _, qx, qy, qz, qw = _POSE.unpack_from(buffer, at)
-    vx, vy, _, _, _, wz = _TWIST.unpack_from(buffer, at + 344)
-    yaw = yaw_of(qx, qy, qz, qw)
-    if not math.isfinite(x + y + yaw):
-        raise ValueError("field 'pose' is not finite")
-    return Odometry(stamp_ns, x, y, yaw, vx, vy, wz), frame
+class _OdometryDecoder:
+    """Reads odometry; its two frame ids rarely change, so their bytes are compared with the last ones, not parsed again."""
+
+    def __init__(self) -> None:
+        self._head = b""
+        self._frame = ""
+        self._body = 0
+
+    def __call__(self, buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Odometry, str]:
+        start, end = offset + 4, offset + length
+        head = bytes(buffer[start + 8 : start + 8 + len(self._head)])
+        if not self._head or head != self._head:
+            self._parse(buffer, start, end)
+        at = start + self._body
+        if at + 680 > end:
+            raise ValueError("message is shorter than its type")
+        x, y, _, qx, qy, qz, qw, vx, vy, _, _, _, wz = _ODOMETRY.unpack_from(buffer, at)
+        yaw = yaw_of(qx, qy, qz, qw)
+        if not math.isfinite(x + y + yaw):
+            raise ValueError("field 'pose' is not finite")
+        return Odometry(stamp_ns, x, y, yaw, vx, vy, wz), self._frame
+
+    def _parse(self, buffer: Any, start: int, end: int) -> None:
+        self._head = b""
+        _, at = _after_string(buffer, start, start + 8, end)
+        name, at = _after_string(buffer, start, at, end)
+        self._frame = bytes(buffer[at - name : at - 1]).decode() if name > 1 else ""
+        self._body = at + -(at - start) % 8 - start
+        self._head = bytes(buffer[start + 8 : at])
 
 
 def _source_stamp(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[SourceStamp, str]:
@@ -337,7 +353,7 @@ def decoder(role: str, schema: str) -> Decoder:
     if (role, schema) == ("scan", "sensor_msgs/msg/LaserScan"):
         return _scan
     if (role, schema) == ("odometry", "nav_msgs/msg/Odometry"):
-        return _odometry
+        return _OdometryDecoder()
     if role == "source_stamp":
         return _source_stamp
     if schema.startswith("pfcli."):
