@@ -11,7 +11,7 @@ from pfcli.events import Pose2
 from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.rng import Draw
-from pfcli.systems.localize_partial import anneal, filter, kernels, paper, smooth
+from pfcli.systems.localize_partial import anneal, corrected, kernels, paper, smooth
 from pfcli.systems.localize_partial.belief import Assets, Belief, Reading
 from pfcli.systems.localize_partial.params import Params
 
@@ -110,13 +110,13 @@ def test_both_variants_follow_their_equations(assets: Assets) -> None:
     mean3, mean6 = likelihood[:100].mean(), likelihood[100:].mean()
     reading = _reading(0.0, ends, first=True)
     fixed = assets._replace(initial=Initial("pose"))
-    corrected = filter._update(belief, reading, fixed, params, Draw(0))
-    assert corrected.b[3] == pytest.approx(mean3 / (mean3 + mean6), rel=1e-6)
+    mended = corrected.update(belief, reading, fixed, params, Draw(0))
+    assert mended.b[3] == pytest.approx(mean3 / (mean3 + mean6), rel=1e-6)
     printed = paper.update(belief, reading, fixed, params, Draw(0))
     twice3 = (likelihood[:100] ** 2).sum() / likelihood[:100].sum()
     twice6 = (likelihood[100:] ** 2).sum() / likelihood[100:].sum()
     assert printed.b[3] == pytest.approx(twice3 / (twice3 + twice6), rel=1e-6)
-    assert printed.b[3] > corrected.b[3]
+    assert printed.b[3] > mended.b[3]
 
 
 def test_scans_move_weight_to_the_outside_only_where_that_is_asked_for(assets: Assets) -> None:
@@ -125,8 +125,8 @@ def test_scans_move_weight_to_the_outside_only_where_that_is_asked_for(assets: A
     belief = belief._replace(b=np.array([0, 0.2, 0, 0.4, 0, 0, 0.4]), weight=np.full(200, 0.004))
     fixed = assets._replace(initial=Initial("pose"))
     reading = _reading(0.0, wrong, first=True)
-    on = filter._update(belief, reading, fixed, Params(beam_gain=1.0), Draw(0))
-    off = filter._update(belief, reading, fixed, Params(beam_gain=1.0, outside_likelihood=False), Draw(0))
+    on = corrected.update(belief, reading, fixed, Params(beam_gain=1.0), Draw(0))
+    off = corrected.update(belief, reading, fixed, Params(beam_gain=1.0, outside_likelihood=False), Draw(0))
     assert on.b[1] > 0.4
     assert off.b[1] == pytest.approx(0.2)
 

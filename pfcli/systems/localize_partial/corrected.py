@@ -1,0 +1,164 @@
+"""One update with the misprints of algorithm 1 mended (`--variant corrected`), and the outside competing for the scan.
+
+In the paper's order: particles move and change class (section 2), those who may have come in are drawn at the frontiers
+(definition 1), the scan weighs particles and classes (eqs (13)-(23)), each cluster is resampled on its own.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import particles
+from pfcli.core.resample import systematic
+from pfcli.core.sensor import likelihood_field
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.localize_partial import anneal, kernels
+from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, step_noise
+from pfcli.systems.localize_partial.params import Params
+
+_BIN_M, _BIN_RAD = 0.5, 0.26
+_NEGLIGIBLE = 1e-9
+_MOST_AGAINST = 1.0
+"""Log evidence that a single scan may hold against the whole map."""
+
+
+def update(belief: Belief, reading: Reading, assets: Assets, params: Params, draw: Draw) -> Belief:
+    """Predict, enter, weigh, regroup."""
+    moved, stamp_ns = reading.moved, reading.stamp_ns
+    pose, label, weight = belief.pose, belief.label, belief.weight
+    transition = np.zeros((7, 7))
+    b1 = float(belief.b[1])
+    if not reading.first:
+        before = label
+        z = draw(Purpose.MOTION, stamp_ns).standard_normal((pose.shape[0], 3))
+        pose, label, factor = kernels.move(pose, label, moved, step_noise(moved, params), z, assets.region)
+        transition = kernels.flow(before, label, weight)
+        weight = weight * factor
+        pose, label, weight = _come_back(pose, label, weight, reading, assets, params, draw)
+        pose, label, weight, b1 = _arrive(pose, label, weight, b1, reading, transition, assets, params, draw)
+    elif assets.initial.kind != "pose" and pose.shape[0]:
+        rng = draw(Purpose.INJECT, stamp_ns)
+        pose, weight = anneal.gather(pose, float(weight.sum()), params.particles, reading, assets, params, rng)
+        label = np.full(pose.shape[0], 3, np.uint8)
+    predicted = kernels.masses(label, weight)
+    predicted[1] = b1
+    weight, b1, log_evidence = _weigh(pose, label, weight, b1, reading, assets, params)
+    n_eff = float(1.0 / np.square(weight / weight.sum()).sum()) if weight.sum() > 0 else 0.0
+    error = params.kld_error if params.kld else 0.0
+    u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
+    limits = (params.min_particles, params.particles, params.resample_threshold, error, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
+    pose, label, weight = kernels.regroup(pose, label, weight, u, *limits)
+    total = weight.sum() + b1
+    weight = weight / total
+    b = kernels.masses(label, weight)
+    b[1] = b1 / total
+    return Belief(pose, label, weight, b, transition, predicted, log_evidence, n_eff)
+
+
+def _come_back(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    reading: Reading,
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
+    """Class 6 after a long way outside is spread over metres: gather it where the scan fits."""
+    back = label == 6
+    mass = float(weight[back].sum())
+    if mass <= _NEGLIGIBLE:
+        return pose, label, weight
+    rng = draw(Purpose.INJECT, reading.stamp_ns)
+    blind = pose[back][systematic.choose(weight[back], rng.random(), max(int(back.sum()), params.frontier_samples))]
+    found, gathered = anneal.gather(blind, mass, blind.shape[0], reading, assets, params, rng)
+    return (
+        np.concatenate([pose[~back], found]),
+        np.concatenate([label[~back], np.full(found.shape[0], 6, np.uint8)]),
+        np.concatenate([weight[~back], gathered]),
+    )
+
+
+def _arrive(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    b1: float,
+    reading: Reading,
+    transition: NDArray[np.float64],
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], float]:
+    """Class 1 gives to class 2 at the frontiers (eqs (2)-(3)), and a little to anywhere: a robot may be carried."""
+    moved = reading.moved
+    way = float(np.hypot(moved[0], moved[1]))
+    carried = 1.0 - float(np.exp(-params.kidnap_per_m * way))
+    lost = carried * float(weight.sum())
+    weight = weight * (1.0 - carried)
+    rows = transition.sum(axis=1)
+    transition *= 1.0 - carried
+    transition[:, 1] += carried * rows
+    p12 = 1.0 - float(np.exp(-way / params.entry_length_m))
+    rng = draw(Purpose.INJECT, reading.stamp_ns)
+    fresh = [(2, b1 * p12, np.empty((0, 3))), (3, b1 * carried, np.empty((0, 3)))]
+    if b1 > _NEGLIGIBLE and way > 0.0:
+        region = assets.region
+        wanted = int(params.frontier_samples * min(1.0, max(0.1, 10.0 * b1)))
+        count = band_count(region, moved, step_noise(moved, params))
+        if count:
+            u = rng.random((2 * wanted, 4))
+            found = kernels.entries(
+                region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True
+            )
+            fresh[0] = (2, b1 * p12, found[:wanted])
+        if carried > 0.0:
+            anywhere = particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)
+            fresh[1] = (3, b1 * carried, anywhere)
+    left = b1
+    for k, mass, poses in fresh:
+        m = poses.shape[0]
+        if m == 0 or mass <= 0.0:
+            continue
+        poses, gathered = anneal.gather(poses, mass, m, reading, assets, params, rng)
+        pose, label = np.concatenate([pose, poses]), np.concatenate([label, np.full(m, k, np.uint8)])
+        weight = np.concatenate([weight, gathered])
+        transition[1, k] += mass
+        left -= mass
+    transition[1, 1] += left
+    return pose, label, weight, left + lost
+
+
+def _weigh(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    b1: float,
+    reading: Reading,
+    assets: Assets,
+    params: Params,
+) -> tuple[NDArray[np.float64], float, float]:
+    """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1."""
+    inside = (label == 3) | (label == 2) | (label == 6)
+    log_ratio = np.zeros(label.size)
+    if inside.all():
+        log_ratio = params.beam_gain * likelihood_field.evidence(
+            pose, reading.ends, assets.field, reading.level, reading.base
+        )
+    elif inside.any():
+        evidence = likelihood_field.evidence(pose[inside], reading.ends, assets.field, reading.level, reading.base)
+        log_ratio[inside] = params.beam_gain * evidence
+    if inside.any():
+        # one glance at a crowd in front of the robot is no proof that it has left
+        log_ratio[inside] += max(0.0, -_MOST_AGAINST - float(log_ratio[inside].max()))
+    top = max(0.0, float(log_ratio.max(initial=0.0)))
+    if params.outside_likelihood:
+        weight = weight * np.exp(log_ratio - top)
+        b1 = b1 * float(np.exp(-top))
+        total = float(weight.sum()) + b1
+        return weight / total, b1 / total, top + float(np.log(total))
+    before = float(weight[inside].sum())
+    updated = weight[inside] * np.exp(log_ratio[inside] - top)
+    if updated.sum() > 0.0:
+        weight = weight.copy()
+        weight[inside] = updated * (before / updated.sum())
+    return weight, b1, top + float(np.log(updated.sum() / before)) if before > 0.0 and updated.sum() > 0.0 else 0.0
