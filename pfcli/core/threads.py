@@ -1,7 +1,8 @@
 """Rows of a kernel spread over threads: each thread runs the same serial, GIL-free kernel on its own range of rows.
 
 A kernel writes only its own rows, so the number of threads cannot change a byte. OpenMP loops would do the same, but
-each is compiled a second time, and their idle threads spin: two runs on two cores slow each other.
+each is compiled a second time, and their idle threads spin: two runs on two cores slow each other. To wake a thread
+costs 0.05-0.2 ms: worth it for kernels that take a good deal longer.
 """
 
 import os

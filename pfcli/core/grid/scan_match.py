@@ -316,9 +316,9 @@ def _search_yaw(tiles, i, start, points, window, table, turn, out):  # type: ign
 
 
 @kernel
-def _search_rows(low, high, tiles, i, start, points, window, table, out):  # type: ignore[no-untyped-def]
+def _search(tiles, i, start, points, window, table, out):  # type: ignore[no-untyped-def]
     half = out.shape[0] // 2
-    for a in range(low, high):
+    for a in range(out.shape[0]):
         _search_yaw(tiles, i, start, points, window, table, (a - half) * window.step_yaw_rad, out[a])
 
 
@@ -338,7 +338,7 @@ def coarse(
     half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
     out = np.empty((2 * half + 1, 4))
     table = _likelihoods(tiles.resolution_m / window.sigma_m)
-    spread(_search_rows, 2 * half + 1, tiles, i, start, points, window, table, out)
+    _search(tiles, i, start, points, window, table, out)
     best = int(np.argmax(out[:, 0]))
     correction = np.array([out[best, 1], out[best, 2], (best - half) * window.step_yaw_rad])
     return correction, float(out[best, 0] - out[half, 3])

@@ -253,8 +253,8 @@ def _touch_one(corner, resolution_m, pose, beams, touched):  # type: ignore[no-u
 
 
 @kernel
-def _touch_rows(low, high, corner, resolution_m, poses, beams, touched):  # type: ignore[no-untyped-def]
-    for i in range(low, high):
+def _touch_all(corner, resolution_m, poses, beams, touched):  # type: ignore[no-untyped-def]
+    for i in range(poses.shape[0]):
         _touch_one(corner, resolution_m, poses[i], beams, touched[i])
 
 
@@ -264,7 +264,7 @@ def touch(tiles: Tiles, poses: NDArray[np.float64], beams: Beams) -> NDArray[np.
     poses: (n, 3) of the base in the map frame (m, rad). Returns uint8 (n, rows, cols).
     """
     touched = np.zeros(tiles.index.shape, np.uint8)
-    spread(_touch_rows, poses.shape[0], tiles.corner, tiles.resolution_m, poses, beams, touched)
+    _touch_all(tiles.corner, tiles.resolution_m, poses, beams, touched)
     return touched
 
 
