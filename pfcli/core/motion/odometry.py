@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfcli.core.geometry import wrap
 from pfcli.core.jit import kernel
 
 
@@ -36,17 +35,4 @@ def information(step, noise):  # type: ignore[no-untyped-def]
     out = np.zeros((3, 3))
     for k in range(3):
         out[k, k] = 1.0 / (sd[k] * sd[k])
-    return out
-
-
-@kernel
-def predict(poses, step, sd, z):  # type: ignore[no-untyped-def]
-    """Each pose (n, 3) followed by the step (dx, dy, dyaw in its frame, m and rad) with noise sd (3,) times z (n, 3)."""
-    out = np.empty(poses.shape)
-    for i in range(poses.shape[0]):
-        dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
-        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
-        out[i, 0] = poses[i, 0] + c * dx - s * dy
-        out[i, 1] = poses[i, 1] + s * dx + c * dy
-        out[i, 2] = wrap(poses[i, 2] + step[2] + sd[2] * z[i, 2])
     return out

@@ -39,6 +39,11 @@ class Belief(NamedTuple):
     n_eff: float = 0.0
 
 
+def in_the_map(label: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which particles (n,) are of the classes that a scan can be held against: 2, 3 and 6 (eq. (14))."""
+    return np.asarray((label == 2) | (label == 3) | (label == 6))
+
+
 def step_noise(moved: NDArray[np.float64], params: Params) -> NDArray[np.float64]:
     """(3,) standard deviations of a step (m, m, rad)."""
     noise = Noise(

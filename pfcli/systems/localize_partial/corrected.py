@@ -12,7 +12,7 @@ from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import anneal, kernels
-from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, step_noise
+from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, in_the_map, step_noise
 from pfcli.systems.localize_partial.params import Params
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
@@ -138,7 +138,7 @@ def _weigh(
     params: Params,
 ) -> tuple[NDArray[np.float64], float, float]:
     """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1."""
-    inside = (label == 3) | (label == 2) | (label == 6)
+    inside = in_the_map(label)
     log_ratio = np.zeros(label.size)
     if inside.all():
         log_ratio = params.beam_gain * likelihood_field.evidence(

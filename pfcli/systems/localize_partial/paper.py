@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import kernels
@@ -78,9 +79,7 @@ def _drawn(belief: Belief, params: Params, rng: np.random.Generator) -> NDArray[
         weights = belief.weight[members]
         if members.size and weights.sum() > 0.0:
             n = min(members.size, max(params.particles, 1))
-            pointers = (np.arange(n) + rng.random()) / n
-            cumulative = np.cumsum(weights / weights.sum())
-            chosen.append(members[np.minimum(np.searchsorted(cumulative, pointers), members.size - 1)])
+            chosen.append(members[systematic.choose(weights, rng.random(), n)])
     return np.concatenate(chosen) if chosen else np.empty(0, np.int64)
 
 
