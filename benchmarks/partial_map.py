@@ -12,14 +12,13 @@ import worlds
 from numpy.typing import NDArray
 
 from pfcli import run
-from pfcli.core.grid.region import region_of
+from pfcli.core.grid.region import places, region_of
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
 from pfcli.replay import Log
 from pfcli.report import metrics
-from pfcli.systems.localize_partial import kernels
 
 SCENARIOS = {
     "partial-leave": "unknown",
@@ -91,7 +90,7 @@ def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
     there = metrics.interpolate(stamps, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth]))
     grid = map_yaml.read(map_file)
     region = region_of(grid.cells, grid.resolution_m, grid.origin)
-    inside = kernels.places(region, there[:, :2]) != 0
+    inside = places(region, there[:, :2]) != 0
     index = np.searchsorted(done.result.track.stamps_ns, stamps)
     poses = done.result.track.poses[index]
     b = np.stack([np.asarray(rows[f"b{k}"]) for k in range(1, 7)], 1)

@@ -12,14 +12,13 @@ import partial_map
 import worlds
 
 from pfcli import run
-from pfcli.core.grid.region import region_of
+from pfcli.core.grid.region import places, region_of
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
 from pfcli.replay import Settings
 from pfcli.report import metrics
-from pfcli.systems.localize_partial import kernels
 
 WEAN_END = np.array([39.78, 39.81, -0.03])
 CUT_S = {"intel": 900.0, "aces": 500.0}
@@ -60,7 +59,7 @@ def cut(name: str) -> None:
     rows = parquet.columns_of(done.infos, system("localize-partial").info)
     stamps, said = np.asarray(rows["t_ns"]), np.asarray(rows["in_map"]) >= 0.5
     there = truth[np.searchsorted(full.result.track.stamps_ns, stamps)]
-    inside = kernels.places(region_of(grid.cells, grid.resolution_m, grid.origin), there[:, :2]) != 0
+    inside = places(region_of(grid.cells, grid.resolution_m, grid.origin), there[:, :2]) != 0
     poses = done.result.track.poses[np.searchsorted(done.result.track.stamps_ns, stamps)]
     error = np.hypot(*(poses - there)[:, :2].T)
     after = stamps > first.result.track.stamps_ns[-1]

@@ -27,7 +27,9 @@ CSAIL_ATE_M = 0.3
 def pfcli(*words: str) -> None:
     """Run the command line of this interpreter's pfcli."""
     command = [sys.executable, "-c", "from pfcli.cli import run; run()", *words]
-    subprocess.run(command, check=True, capture_output=True)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 3):
+        sys.exit(f"pfcli {' '.join(words)}: {done.stderr}")
 
 
 def simulated(scenario: str, seed: int = 0) -> Path:

@@ -5,8 +5,23 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from pfcli.errors import UsageError
-from pfcli.events import Event, Odometry, Scan, SourceStamp, Sweep, Ticks, Twist, Wheels, YawRate
+from pfcli.events import (
+    Event,
+    Odometry,
+    Range,
+    Ranges,
+    Scan,
+    Sounding,
+    SourceStamp,
+    Sweep,
+    Ticks,
+    Twist,
+    Wheels,
+    YawRate,
+)
 from pfcli.replay import Loss
 
 SECOND = 1_000_000_000
@@ -21,6 +36,9 @@ ROLES = {
     "imu": ("imu",),
 }
 
+_FASTEST_MPS, _SHORTEST_S = 30.0, 0.1
+"""No wheel of a robot runs faster; stamps of one burst may be nearer to each other than the motion they report."""
+
 
 class Drive(NamedTuple):
     """A differential drive: the joints of the left and right wheel, their radii and the track width (m)."""
@@ -32,9 +50,11 @@ class Drive(NamedTuple):
 
 
 class DeadReckoning:
-    """Turns motion events into odometry poses; ticks may wrap at 32 bits."""
+    """Turns motion events into odometry poses (Zhang 2014, eqs (2)-(4)); ticks may wrap at 32 bits, and a jump of theirs
+    that no robot can drive is counted in `loss` and left out."""
 
-    def __init__(self, source: str, drive: Drive) -> None:
+    def __init__(self, source: str, drive: Drive, loss: Loss | None = None) -> None:
+        self._loss = Loss() if loss is None else loss
         self._source = source
         self._drive = drive
         self._pose = (0.0, 0.0, 0.0)
@@ -93,6 +113,7 @@ class DeadReckoning:
                 return self._wheel_step(event.stamp_ns, angles)
             before, self._wheels = self._wheels, (float(counts[0]), float(counts[1]))
             if before is None:
+                self._last_ns = event.stamp_ns
                 return Odometry(event.stamp_ns, *self._pose)
             steps = [_unwrapped(now - int(old)) * turn for now, old in zip(counts, before, strict=True)]
             return self._wheel_step(event.stamp_ns, (steps[0], steps[1]))
@@ -100,6 +121,7 @@ class DeadReckoning:
         if all(math.isfinite(p) for p in position):
             before, self._wheels = self._wheels, position
             if before is None:
+                self._last_ns = event.stamp_ns
                 return Odometry(event.stamp_ns, *self._pose)
             return self._wheel_step(event.stamp_ns, (position[0] - before[0], position[1] - before[1]))
         speed = (
@@ -110,6 +132,15 @@ class DeadReckoning:
 
     def _wheel_step(self, stamp_ns: int, angles: tuple[float, float]) -> Odometry:
         left, right = angles[0] * self._drive.radius_left_m, angles[1] * self._drive.radius_right_m
+        seconds = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / SECOND
+        self._last_ns = stamp_ns
+        if max(abs(left), abs(right)) > _FASTEST_MPS * max(seconds, _SHORTEST_S):
+            self._loss.add(
+                "jump of the encoders",
+                f"wheel encoders jump by {max(abs(left), abs(right)):.1f} m within {seconds:.2f} s; such steps are left out"
+                " (a counter that was reset, or --wheel-radius-m is wrong)",
+            )
+            return Odometry(stamp_ns, *self._pose)
         return self._advance(stamp_ns, (left + right) / 2, 0.0, (right - left) / self._drive.track_m)
 
     def _pick(self, names: tuple[str, ...]) -> tuple[int, int]:
@@ -133,20 +164,56 @@ def _unwrapped(difference: int) -> int:
     return (difference + (1 << 31)) % (1 << 32) - (1 << 31) if abs(difference) > 1 << 31 else difference
 
 
-def sweeps(events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_gap_s: float = 1.0) -> Iterator[Sweep]:
-    """Scans with the odometry pose of their own stamp, interpolated between the motion events around it.
+def rounds(events: Iterable[Event]) -> Iterator[Event]:
+    """The readings of single range finders put together: a round ends when all that were ever heard have reported, or
+    when one reports again. Other events pass."""
+    heard: list[str] = []
+    now: dict[str, Range] = {}
+    for event in events:
+        if not isinstance(event, Range):
+            yield event
+            continue
+        if event.topic in now:
+            yield _round([now[topic] for topic in heard if topic in now])
+            now = {}
+        if event.topic not in heard:
+            heard.append(event.topic)
+            heard.sort()
+        now[event.topic] = event
+        if len(now) == len(heard) > 1:
+            yield _round([now[topic] for topic in heard])
+            now = {}
+    if now:
+        yield _round([now[topic] for topic in heard if topic in now])
+
+
+def _round(readings: list[Range]) -> Ranges:
+    return Ranges(
+        max(r.stamp_ns for r in readings),
+        np.array([r.range_m for r in readings], np.float32),
+        np.array([r.mount for r in readings], np.float64),
+        np.array([r.range_min_m for r in readings], np.float32),
+        np.array([r.range_max_m for r in readings], np.float32),
+    )
+
+
+def sweeps(
+    events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_gap_s: float = 1.0
+) -> Iterator[Sweep | Sounding]:
+    """Scans (or rounds of the range finders) with the odometry pose of their own stamp, interpolated between the motion
+    events around it.
 
     A scan before the first or more than `max_gap_s` after the last motion event is counted in `loss`.
     """
-    reckon = DeadReckoning(source, drive)
+    reckon = DeadReckoning(source, drive, loss)
     before: Odometry | None = None
     text = SourceStamp(-1, "")
-    waiting: deque[tuple[Scan, str]] = deque()
-    for event in events:
-        if isinstance(event, Scan):
+    waiting: deque[tuple[Scan | Ranges, str]] = deque()
+    for event in rounds(events):
+        if isinstance(event, Scan | Ranges):
             name = text.text if text.stamp_ns == event.stamp_ns else ""
             if before is not None and before.stamp_ns == event.stamp_ns:
-                yield Sweep(event.stamp_ns, before[1:4], event, name)
+                yield _joined(event, before[1:4], name)
             else:
                 waiting.append((event, name))
             continue
@@ -167,13 +234,19 @@ def sweeps(events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_g
                     "gap in odometry",
                     f"odometry pauses for {(after.stamp_ns - start.stamp_ns) / SECOND:.1f} s; poses there are interpolated",
                 )
-            yield Sweep(scan.stamp_ns, _interpolate(start, after, scan.stamp_ns), scan, name)
+            yield _joined(scan, _interpolate(start, after, scan.stamp_ns), name)
         before = after
     for scan, name in waiting:
         if before is not None and scan.stamp_ns - before.stamp_ns <= max_gap_s * SECOND:
-            yield Sweep(scan.stamp_ns, before[1:4], scan, name)
+            yield _joined(scan, before[1:4], name)
         else:
             loss.add("scan without odometry", "scans after the last odometry message have no pose")
+
+
+def _joined(reading: Scan | Ranges, odometry: tuple[float, float, float], name: str) -> Sweep | Sounding:
+    if isinstance(reading, Ranges):
+        return Sounding(reading.stamp_ns, odometry, reading, name)
+    return Sweep(reading.stamp_ns, odometry, reading, name)
 
 
 def _interpolate(a: Odometry, b: Odometry, stamp_ns: int) -> tuple[float, float, float]:

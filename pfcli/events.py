@@ -90,15 +90,6 @@ class Scan(NamedTuple):
     mount: Pose2
 
 
-class Sweep(NamedTuple):
-    """A scan with the odometry pose of its own stamp, and the stamp text of the log it was converted from ('' if none)."""
-
-    stamp_ns: int
-    odometry: tuple[float, float, float]
-    scan: Scan
-    source_stamp: str
-
-
 class Range(NamedTuple):
     """One range finder's reading (m)."""
 
@@ -108,6 +99,34 @@ class Range(NamedTuple):
     range_min_m: float
     range_max_m: float
     mount: Pose2
+
+
+class Ranges(NamedTuple):
+    """One reading of each range finder: ranges (k,) m, mounts (k, 3), the least and the largest range (m) of each."""
+
+    stamp_ns: int
+    ranges_m: NDArray[np.float32]
+    mounts: NDArray[np.float64]
+    range_min_m: NDArray[np.float32]
+    range_max_m: NDArray[np.float32]
+
+
+class Sweep(NamedTuple):
+    """A scan with the odometry pose of its own stamp, and the stamp text of the log it was converted from ('' if none)."""
+
+    stamp_ns: int
+    odometry: tuple[float, float, float]
+    scan: Scan
+    source_stamp: str
+
+
+class Sounding(NamedTuple):
+    """A reading of all range finders with the odometry pose of its stamp."""
+
+    stamp_ns: int
+    odometry: tuple[float, float, float]
+    ranges: Ranges
+    source_stamp: str = ""
 
 
 class LinePoints(NamedTuple):
@@ -153,6 +172,7 @@ Event = (
     | MagneticField
     | Scan
     | Range
+    | Ranges
     | LinePoints
     | Landmarks
     | Truth

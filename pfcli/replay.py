@@ -96,7 +96,7 @@ class Log:
         for role, types in ROLES.items():
             mapped = self.settings.topics.get(role)
             if mapped is not None:
-                found[role] = [mapped]
+                found[role] = mapped.split(",") if role == "range" else [mapped]
                 continue
             for topic, schema in self.topics().items():
                 if schema in types and _fits(role, topic, schema) and topic not in self.settings.topics.values():

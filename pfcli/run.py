@@ -12,7 +12,7 @@ import numpy as np
 from pfcli import __version__, align
 from pfcli.core.threads import set_threads
 from pfcli.errors import LogError, UsageError, printable
-from pfcli.events import Event, Sweep, Truth
+from pfcli.events import Event, Sounding, Sweep, Truth
 from pfcli.formats import map_yaml, parquet, tum
 from pfcli.initial import Initial
 from pfcli.params import to_toml
@@ -93,9 +93,16 @@ def motion_source(log: Log, wanted: str) -> str:
     return next((role for role in ("odometry", "encoders", "twist") if log.choose(role)), "odometry")
 
 
+def _reading(job: Job, log: Log) -> str:
+    """Which sensor of the system's needs is read: the one that --topic names, else the first that the log has."""
+    kinds = [kind for need in job.system.needs for kind in need if kind != "motion"]
+    named = [kind for kind in kinds if kind in job.settings.topics]
+    return next((kind for kind in named or kinds if log.choose(kind)), kinds[0])
+
+
 def _roles(job: Job, log: Log, motion: str) -> list[str]:
     """Topics to read; the error names what is missing, what the log has and the flag that maps one."""
-    roles = [*align.ROLES[motion], "scan"]
+    roles = [*align.ROLES[motion], _reading(job, log)]
     if motion == "imu":
         roles += [r for r in ("twist", "odometry") if log.choose(r)][:1]
     for role in roles:
@@ -119,7 +126,13 @@ def _roles(job: Job, log: Log, motion: str) -> list[str]:
     return roles
 
 
-_NOUNS = {"odometry": "odometry", "scan": "laser scans", "imu": "an IMU", "encoders": "wheel encoders"}
+_NOUNS = {
+    "odometry": "odometry",
+    "scan": "laser scans",
+    "range": "range finders",
+    "imu": "an IMU",
+    "encoders": "wheel encoders",
+}
 
 
 def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
@@ -145,11 +158,11 @@ def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Even
             yield event
 
 
-def _with_data(sweeps: Iterator[Sweep], loss: Loss) -> Iterator[Sweep]:
+def _with_data(sweeps: Iterator[Sweep | Sounding], loss: Loss) -> Iterator[Sweep | Sounding]:
     """Leave out scans without a beam; note a beam count that changes (it is legal, but rarely meant) and long gaps."""
     beams, last = None, None
     for sweep in sweeps:
-        count = sweep.scan.ranges_m.size
+        count = sweep.ranges.ranges_m.size if isinstance(sweep, Sounding) else sweep.scan.ranges_m.size
         if count == 0:
             loss.add("empty scan", "topic of the scan, field 'ranges': a scan without beams; such scans are skipped")
             continue

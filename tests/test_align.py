@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from pfcli.align import DeadReckoning, Drive, sweeps
+from pfcli.align import DeadReckoning, Drive, rounds, sweeps
 from pfcli.errors import UsageError
-from pfcli.events import Event, Odometry, Pose2, Scan, SourceStamp, Ticks, Twist, Wheels, YawRate
+from pfcli.events import Event, Odometry, Pose2, Range, Ranges, Scan, SourceStamp, Ticks, Twist, Wheels, YawRate
 from pfcli.replay import Loss
 
 S = 1_000_000_000
@@ -108,3 +108,26 @@ def test_wheels_that_cannot_be_told_apart_are_asked_for() -> None:
         DeadReckoning("encoders", DRIVE._replace(joints=("x", "y")))(
             Ticks(0, ("a", "b"), np.zeros(2, np.int64), 9.0, True)
         )
+
+
+def _range(stamp: int, topic: str, value: float) -> Range:
+    return Range(stamp, topic, value, 0.02, 4.0, Pose2(0.1, 0.0, 0.0))
+
+
+def test_a_round_of_range_finders_ends_when_all_have_reported_or_one_reports_again() -> None:
+    events = [_range(1, "/a", 1.0), _range(2, "/b", 2.0), _range(3, "/a", 3.0), _range(4, "/b", 4.0)]
+    events += [_range(5, "/b", 5.0), _range(6, "/b", 6.0), _range(7, "/a", 7.0)]
+    found = [(r.stamp_ns, r.ranges_m.tolist()) for r in rounds(events) if isinstance(r, Ranges)]
+    assert found == [(2, [1.0, 2.0]), (4, [3.0, 4.0]), (5, [5.0]), (7, [7.0, 6.0])]
+
+
+def test_a_jump_of_the_encoders_is_counted_and_left_out() -> None:
+    loss = Loss()
+    reckon = DeadReckoning("encoders", Drive(None, 0.1, 0.1, 0.3), loss)
+    names = ("left", "right")
+    rows = [(0, 0), (100, 100), (900_000, 900_100), (900_100, 900_200)]
+    poses = [reckon(Ticks(k * 50_000_000, names, np.array(row), 1000.0, True)) for k, row in enumerate(rows)]
+    assert loss.counts["jump of the encoders"] == 1
+    last = poses[-1]
+    assert last is not None
+    assert last.x_m == pytest.approx(2 * 100 / 1000 * 2 * np.pi * 0.1, rel=1e-9)

@@ -3,11 +3,15 @@
 import itertools
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pfcli.errors import LogError, UsageError
+
+if TYPE_CHECKING:
+    from pfcli.events import Scan
+    from pfcli.formats.ticklogs import TickLog
 
 
 @click.command()
@@ -18,6 +22,13 @@ from pfcli.errors import LogError, UsageError
     type=click.FloatRange(0, 10_000, min_open=True),
     default=None,
     help="Usable range of the scanner [m]; default: just below the value the log repeats at its top.",
+)
+@click.option(
+    "--range-scale",
+    type=click.FloatRange(0, 100, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Multiply all ranges: for scanners whose metre is not one.",
 )
 @click.option(
     "--repair-stamps/--no-repair-stamps",
@@ -31,29 +42,36 @@ def convert(
     source: Path,
     target: Path,
     range_max: float | None,
+    range_scale: float,
     repair_stamps: bool,
     compression: str,
     force: bool,
     as_json: bool,
 ) -> int:
-    """Convert SOURCE (CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3) to an MCAP log.
+    """Convert SOURCE to an MCAP log.
+
+    SOURCE: CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3; tinySLAM .dat, the folder of a LEGO
+    robot or a tricycle's .txt, whose wheel ticks stay ticks.
 
     Example: pfcli convert intel.clf.bz2 intel.mcap
     """
     from pfcli.commands.show import emit, lost, say
-    from pfcli.formats import rosbag
+    from pfcli.formats import rosbag, ticklogs
 
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")
     if not source.exists():
         raise LogError(f"{source}: no such file")
+    reader = ticklogs.reader_of(source)
+    if reader is not None:
+        return _ticks(reader(source), target, (range_scale, range_max), compression, as_json)
     if source.suffix in (".bag", ".db3") or source.is_dir():
         counts: dict[str, Any] = rosbag.convert(source, target, compression)
         emit(
             counts, [f"{target}: {counts['messages']} messages, {counts['skipped']} of unknown types left out"], as_json
         )
         return 0
-    found = _carmen(source, target, range_max, repair_stamps, compression)
+    found = _carmen(source, target, (range_scale, range_max), repair_stamps, compression)
     for note in found.pop("notes"):
         say(note)
     line = (
@@ -64,7 +82,41 @@ def convert(
     return lost({"unreadable line": found["unreadable_lines"]} if found["unreadable_lines"] else {}, [])
 
 
-def _carmen(source: Path, target: Path, range_max: float | None, repair: bool, compression: str) -> dict[str, Any]:
+def _ticks(log: "TickLog", target: Path, ranges: tuple[float, float | None], compression: str, as_json: bool) -> int:
+    from pfcli.commands.show import emit, lost
+    from pfcli.events import Scan, Ticks
+    from pfcli.formats.log_writer import LogWriter
+
+    scans = sum(isinstance(event, Scan) for event in log.events)
+    with LogWriter(target, compression) as out:
+        if scans:
+            out.tf_static(log.events[0].stamp_ns, [("base_link", "laser", log.mount)])
+        for event in log.events:
+            if isinstance(event, Ticks):
+                out.ticks(event)
+            elif isinstance(event, Scan):
+                out.scan(_scaled(event, ranges))
+            else:
+                out.pose(event.stamp_ns, event[1:4])
+    ticks = sum(isinstance(event, Ticks) for event in log.events)
+    found = {"out": str(target), "ticks": ticks, "scans": scans, "unreadable_lines": log.broken, "hint": log.hint}
+    emit(found, [f"{target}: {ticks} encoder readings, {scans} scans; {log.hint}"], as_json)
+    return lost({"unreadable line": log.broken} if log.broken else {}, [])
+
+
+def _scaled(scan: "Scan", ranges: tuple[float, float | None]) -> "Scan":
+    """Ranges by `--range-scale`, the usable range by `--range-max`, else scaled as well."""
+    scale, top = ranges
+    return scan._replace(
+        ranges_m=(scan.ranges_m * scale).astype("float32"),
+        range_min_m=scan.range_min_m * scale,
+        range_max_m=top or scan.range_max_m * scale,
+    )
+
+
+def _carmen(
+    source: Path, target: Path, ranges: tuple[float, float | None], repair: bool, compression: str
+) -> dict[str, Any]:
     from pfcli.events import Pose2
     from pfcli.formats import carmen
     from pfcli.formats.log_writer import LogWriter
@@ -72,7 +124,8 @@ def _carmen(source: Path, target: Path, range_max: float | None, repair: bool, c
     records, broken = carmen.read(source)
     stamps, repaired = carmen.stamps_ns([r.stamp for r in records], repair=repair)
     backward = sum(b < a for a, b in itertools.pairwise(stamps))
-    top = range_max or carmen.usable_range_m(records)
+    scale, range_max = ranges
+    top = range_max / scale if range_max else carmen.usable_range_m(records)
     mounts = {r.mount for r in records if r.ranges_m is not None}
     scans = 0
     with LogWriter(target, compression) as log:
@@ -82,14 +135,14 @@ def _carmen(source: Path, target: Path, range_max: float | None, repair: bool, c
             log.odometry(odometry)
             if scan is not None:
                 log.source_stamp(scan.stamp_ns, text)
-                log.scan(scan)
+                log.scan(_scaled(scan, ranges))
                 scans += 1
     notes = [f"{source}: {backward} stamps go back in time"] if backward else []
     return {
         "out": str(target),
         "scans": scans,
         "odometry": len(records),
-        "range_max_m": round(top, 6) if math.isfinite(top) else None,
+        "range_max_m": round(top * scale, 6) if math.isfinite(top) else None,
         "repaired_stamps": repaired,
         "backward_steps": backward,
         "unreadable_lines": broken,

@@ -90,3 +90,36 @@ def densest(poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: f
         if mass > best.mass:
             best = PoseEstimate(mean, cov, float(mass))
     return best
+
+
+@kernel
+def _tops(poses, heaviest, order, reach_m, reach_rad):  # type: ignore[no-untyped-def]
+    count = 0
+    kept = np.empty(order.size, np.int64)
+    for slot in order:
+        i = heaviest[slot]
+        apart = True
+        for j in range(count):
+            k = kept[j]
+            near = np.hypot(poses[i, 0] - poses[k, 0], poses[i, 1] - poses[k, 1]) <= reach_m
+            if near and abs(wrap(poses[i, 2] - poses[k, 2])) <= reach_rad:
+                apart = False
+                break
+        if apart:
+            kept[count] = i
+            count += 1
+    return count
+
+
+def modes(
+    poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: float, reach_rad: float, least: float = 0.05
+) -> int:
+    """How many hypotheses, farther apart than reach, have a bin with at least this share of the weight.
+
+    poses: (n, 3); weights: (n,), sum 1.
+    """
+    size = 1 << max(8, int(poses.shape[0] * 2).bit_length())
+    slots, heaviest = np.zeros(size), np.full(size, -1)
+    _fill(poses, weights, reach_m, reach_rad, slots, heaviest)
+    order = np.argsort(-slots, kind="stable")[: int(np.count_nonzero(slots >= least))]
+    return int(_tops(poses, heaviest, order, 2 * reach_m, 2 * reach_rad))

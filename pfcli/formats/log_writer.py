@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from pfcli.errors import OutputError, reason
-from pfcli.events import Odometry, Pose2, Scan
+from pfcli.events import Odometry, Pose2, Scan, Ticks
 from pfcli.formats.schemas import json_schema, ros2msg, typestore
 
 _HEAD = b"\x00\x01\x00\x00"
@@ -89,6 +89,12 @@ class LogWriter:
         numbers += [twist[0], twist[1], 0.0, 0.0, 0.0, twist[2], *[0.0] * 36]
         self.raw(topic, "nav_msgs/msg/Odometry", o.stamp_ns, _HEAD + body + struct.pack("<85d", *numbers))
 
+    def ticks(self, ticks: Ticks, topic: str = "/encoders") -> None:
+        """Append pfcli.WheelEncoders."""
+        values = {"names": list(ticks.names), "ticks": ticks.ticks.tolist()}
+        turn = {"ticks_per_turn": ticks.ticks_per_turn, "cumulative": ticks.cumulative}
+        self.json(topic, "pfcli.WheelEncoders", ticks.stamp_ns, **values, **turn)
+
     def scan(self, scan: Scan, topic: str = "/scan", frame: str = "laser") -> None:
         """Append sensor_msgs/LaserScan."""
         body = _header(scan.stamp_ns, frame)
@@ -100,6 +106,12 @@ class LogWriter:
         )
         body += np.asarray(scan.ranges_m, "<f4").tobytes() + struct.pack("<I", 0)
         self.raw(topic, "sensor_msgs/msg/LaserScan", scan.stamp_ns, _HEAD + body)
+
+    def range_finder(self, stamp_ns: int, range_m: float, limits_m: tuple[float, float], name: str) -> None:
+        """Append sensor_msgs/Range to /range/NAME, in frame range_NAME."""
+        kind = "sensor_msgs/msg/Range"
+        made = typestore().types[kind](header(stamp_ns, f"range_{name}"), 1, 0.1, *limits_m, range_m, 0.0)
+        self.message(f"/range/{name}", kind, stamp_ns, made)
 
     def pose(self, stamp_ns: int, pose: Sequence[float], topic: str = "/ground_truth", frame: str = "map") -> None:
         """Append geometry_msgs/PoseStamped of a planar pose (x, y, yaw)."""

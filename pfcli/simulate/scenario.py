@@ -20,6 +20,7 @@ from pfcli.simulate.world import WORLDS, World, known_part, rasterize
 
 WHEEL_RADIUS_M, TICKS_PER_TURN = 0.1, 2000
 _EPOCH_NS = 1_600_000_000_000_000_000
+_FINDERS = ("left", "right")
 _CARRIED_M = 0.5
 """Between two instants nobody drives so far: the robot was carried."""
 
@@ -30,7 +31,7 @@ class Scenario(NamedTuple):
     people: how many walk about; people_keep_m: nearer to the scanner they are not (they step aside); duration_s: stop
     after so long (0: when the route ends); rate_hz: of the scanner (0: its own); odometry_hz: of odometry and truth;
     encoding: `ros2` (CDR, odometry) or `json` (wheel ticks, no ROS); known_share: how much of the world's width, from
-    the west, the partial map covers.
+    the west, the partial map covers; range_finders_deg: two range finders look forward at this angle to each side (0: none).
     """
 
     name: str
@@ -45,6 +46,11 @@ class Scenario(NamedTuple):
     encoding: str = "ros2"
     known_share: float = 1.0
     people_keep_m: float = 0.0
+    range_finders_deg: float = 0.0
+
+
+RANGE_FINDER = Laser(1, 0.0, 8.0, 0.02, (0.15, 0.0, 0.0), 5.0)
+"""What looks forward beside the scanner, after Zhang 2014, fig. 7 (its range and mounting angles are not given)."""
 
 
 SCENARIOS = {
@@ -67,6 +73,21 @@ SCENARIOS = {
         Scenario("slips", "office", "slips"),
         Scenario("wheel-5-percent", "office", "wheel-5-percent"),
         Scenario("people", "office", people=12),
+        Scenario("four-rooms", "four-rooms", laser="ring-360", encoding="json", range_finders_deg=30.0),
+        Scenario("four-rooms-same", "four-rooms-same", laser="ring-360", encoding="json", range_finders_deg=30.0),
+        Scenario(
+            "four-rooms-sample",
+            "four-rooms",
+            "pioneer",
+            "coarse-240",
+            1,
+            0,
+            70.0,
+            2.0,
+            5.0,
+            "json",
+            range_finders_deg=30.0,
+        ),
         Scenario("partial-leave", "partial-leave", known_share=0.5),
         Scenario("partial-enter", "partial-enter", known_share=0.5),
         Scenario("partial-other-way", "partial-other-way", known_share=0.5),
@@ -106,13 +127,15 @@ def load(text: str) -> Scenario:
 
 
 class Reading(NamedTuple):
-    """One instant: stamp, truth, odometry, way of each wheel (m), and a scan's ranges where one is due."""
+    """One instant: stamp, truth, odometry, way of each wheel (m), and a scan's ranges where one is due; ahead_m: what the
+    range finders read then, left and right."""
 
     stamp_ns: int
     truth: tuple[float, float, float]
     odometry: tuple[float, float, float]
     wheels_m: tuple[float, float]
     ranges_m: NDArray[np.float32] | None
+    ahead_m: NDArray[np.float32] | None = None
 
 
 def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
@@ -122,6 +145,7 @@ def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
     rng = rng_for(seed, Purpose.SIMULATE, 0)
     odometer = WheelOdometry(robot, rng)
     crowd = _Crowd(world, scenario.people, rng_for(seed, Purpose.SIMULATE, 1))
+    finders = rng_for(seed, Purpose.SIMULATE, 2)
     every = max(1, round(1.0 / (laser.rate_hz * STEP_S)))
     offsets = _angles(laser)
     ranges, last = np.empty(laser.beams), None
@@ -132,14 +156,32 @@ def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
             odometer.carried(true)
         odometry, last = odometer(true), true
         crowd.walk(STEP_S)
-        seen = None
+        seen, ahead = None, None
         if k % every == 0:
             sx, sy, syaw = _compose(true, laser.mount)
             near = np.hypot(crowd.discs[:, 0] - sx, crowd.discs[:, 1] - sy) < scenario.people_keep_m
             cast(sx, sy, offsets + syaw, world.walls, crowd.discs[~near], laser.range_m, ranges)
             noisy = np.round(ranges + laser.noise_m * rng.standard_normal(laser.beams), 3)
             seen = np.where(ranges >= laser.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
-        yield Reading(_EPOCH_NS + round(k * STEP_S * 1e9), _rounded(true), _rounded(odometry), odometer.wheels_m, seen)
+            if scenario.range_finders_deg:
+                ahead = _ahead(scenario, true, world, crowd.discs, finders)
+        stamp_ns = _EPOCH_NS + round(k * STEP_S * 1e9)
+        yield Reading(stamp_ns, _rounded(true), _rounded(odometry), odometer.wheels_m, seen, ahead)
+
+
+def _ahead(
+    scenario: Scenario,
+    true: tuple[float, float, float],
+    world: World,
+    discs: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    """What the range finders read."""
+    x, y, yaw = _compose(true, RANGE_FINDER.mount)
+    side, out = math.radians(scenario.range_finders_deg), np.empty(2)
+    cast(x, y, np.array([yaw + side, yaw - side]), world.walls, discs, RANGE_FINDER.range_m, out)
+    noisy = np.round(out + RANGE_FINDER.noise_m * rng.standard_normal(2), 3)
+    return np.where(out >= RANGE_FINDER.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
 
 
 def _laser(scenario: Scenario) -> Laser:
@@ -201,13 +243,22 @@ def write(scenario: Scenario, seed: int, path: Path) -> dict[str, float]:
     put = _put_json if scenario.encoding == "json" else _put_ros2
     scans, way, last, end = 0, 0.0, None, _EPOCH_NS
     with LogWriter(path, "none") as log:
-        log.tf_static(_EPOCH_NS, [("base_link", "laser", Pose2(*laser.mount))])
+        log.tf_static(_EPOCH_NS, _mounts(scenario, laser))
         for k, reading in enumerate(play(scenario, seed)):
             put(log, reading, laser, k % every == 0)
             scans += reading.ranges_m is not None
             way += math.hypot(reading.truth[0] - last[0], reading.truth[1] - last[1]) if last else 0.0
             last, end = reading.truth, reading.stamp_ns
     return {"scans": scans, "way_m": round(way, 2), "span_s": (end - _EPOCH_NS) * 1e-9}
+
+
+def _mounts(scenario: Scenario, laser: Laser) -> list[tuple[str, str, Pose2]]:
+    x, y, _ = RANGE_FINDER.mount
+    mounts = [("base_link", "laser", Pose2(*laser.mount))]
+    if scenario.range_finders_deg:
+        side = round(math.radians(scenario.range_finders_deg), 9)
+        mounts += [("base_link", "range_left", Pose2(x, y, side)), ("base_link", "range_right", Pose2(x, y, -side))]
+    return mounts
 
 
 def _put_ros2(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool) -> None:
@@ -217,6 +268,9 @@ def _put_ros2(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool
     if reading.ranges_m is not None:
         low, step = _angle_grid(laser)
         log.scan(Scan(reading.stamp_ns, reading.ranges_m, low, step, 0.02, laser.range_m, Pose2()))
+    if reading.ahead_m is not None:
+        for name, r in zip(_FINDERS, reading.ahead_m, strict=True):
+            log.range_finder(reading.stamp_ns, float(r), (0.02, RANGE_FINDER.range_m), name)
 
 
 def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool) -> None:
@@ -232,6 +286,11 @@ def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool
         angles = {"angle_min_rad": round(low, 9), "angle_increment_rad": round(step, 9)}
         limits = {"range_min_m": 0.02, "range_max_m": laser.range_m, "frame_id": "laser"}
         log.json("/scan", "pfcli.LaserScan", reading.stamp_ns, ranges_m=ranges, **angles, **limits)
+    if reading.ahead_m is not None:
+        for name, r in zip(_FINDERS, reading.ahead_m, strict=True):
+            value = {"range_m": round(float(r), 3) if math.isfinite(r) else None, "frame_id": f"range_{name}"}
+            limits = {"range_min_m": 0.02, "range_max_m": RANGE_FINDER.range_m}
+            log.json(f"/range/{name}", "pfcli.Range", reading.stamp_ns, **value, **limits)
 
 
 def write_map(scenario: Scenario, folder: Path, name: str) -> None:

@@ -193,6 +193,41 @@ def symmetric(seed: int) -> World:
     )
 
 
+def four_rooms(seed: int, same: bool) -> World:
+    """12 x 10 m, four rooms and one corridor, with obstacles (Zhang 2014, section 3).
+
+    same: the rooms are equal, and turned by 180 degrees the plan is itself, but for one box in the corridor.
+    """
+    plan = _Plan(np.random.default_rng(seed))
+    for x1, y1, x2, y2 in _edges((0.0, 0.0, 12.0, 10.0)):
+        plan.wall(x1, y1, x2, y2)
+    for y in (4.0, 6.0):
+        plan.wall(0.0, y, 12.0, y, (3.0, 9.0), 1.0)
+    plan.wall(6.0, 0.0, 6.0, 4.0)
+    plan.wall(6.0, 6.0, 6.0, 10.0)
+    boxes = [((1.2, 1.0), (0.4, 0.6)), ((4.6, 0.7), (0.6, 0.3)), ((7.2, 2.9), (0.3, 0.7)), ((10.6, 1.0), (0.8, 0.4))]
+    boxes += [((1.0, 8.6), (0.3, 0.3)), ((4.9, 9.2), (0.5, 0.5)), ((7.3, 7.6), (0.6, 0.4)), ((10.9, 9.0), (0.3, 0.6))]
+    if same:
+        boxes = [((1.2, 1.0), (0.4, 0.6)), ((4.6, 0.7), (0.6, 0.3))]
+        boxes += [((x + 6.0, y), half) for (x, y), half in boxes]
+        boxes += [((12.0 - x, 10.0 - y), half) for (x, y), half in boxes]
+    for (x, y), (w, h) in [*boxes, ((11.5, 5.6), (0.3, 0.3))]:
+        plan.box(x, y, w, h)
+    west, east, middle = 3.0, 9.0, 5.0
+    route = [(west, 2.6), (2.2, 2.4), (west, 3.0), (west, middle), (west, 7.4), (2.4, 7.2), (west, 7.0), (west, middle)]
+    route += [
+        (east, middle),
+        (east, 2.6),
+        (8.6, 2.0),
+        (east, 3.0),
+        (east, middle),
+        (east, 7.2),
+        (9.6, 7.8),
+        (east, 7.0),
+    ]
+    return plan.world([*route, (east, middle), (west, middle), (west, 3.0)])
+
+
 WORLDS: dict[str, Callable[[int], World]] = {
     "office": lambda seed: office(seed),
     "paper-40x25": lambda seed: office(seed),
@@ -201,14 +236,19 @@ WORLDS: dict[str, Callable[[int], World]] = {
     "loop-2km": lambda seed: ring(600.0, 400.0, 3.0, 5.0, seed, laps=1),
     "small-loop": lambda seed: ring(12.0, 9.0, 2.0, 4.0, seed, laps=2),
     **{f"partial-{name}": functools.partial(partial, route=name) for name in _ROUTES},
+    "four-rooms": lambda seed: four_rooms(seed, same=False),
+    "four-rooms-same": lambda seed: four_rooms(seed, same=True),
     "partial-symmetric": lambda seed: symmetric(seed),
 }
 """Name -> world of a seed. `paper-*` are the two of Zhang 2016, section 3.2 (their plans are not public)."""
 
 
 def rasterize(world: World, resolution_m: float) -> GridMap:
-    """The true map: cells that a wall crosses are occupied, all others free."""
-    low = np.floor(np.minimum(world.walls[:, :2], world.walls[:, 2:]).min(axis=0) / resolution_m) - 2
+    """The true map: cells that a wall crosses are occupied, all others free.
+
+    Plans are drawn in round numbers: half a cell of shift lets walls run through the middle of cells, not between two.
+    """
+    low = np.floor(np.minimum(world.walls[:, :2], world.walls[:, 2:]).min(axis=0) / resolution_m) - 2.5
     high = np.ceil(np.maximum(world.walls[:, :2], world.walls[:, 2:]).max(axis=0) / resolution_m) + 2
     cols, rows = (high - low).astype(int)
     cells = np.zeros((rows, cols), np.int8)

@@ -12,9 +12,11 @@ from pfcli.params import build, fields, to_toml
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
-MAPS = {"localize-partial": SAMPLES / "partial-partial.yaml"}
+MAPS = {"localize-partial": SAMPLES / "partial-partial.yaml", "localize-lookup": SAMPLES / "four-rooms.yaml"}
+WHEELS = ["--wheel-radius-m", "0.1", "--track-width-m", "0.33"]
 RUNS = {
     "slam-gdr": ("small-loop", ["--end", "50", "--particles", "6", "--resample-threshold", "0.9"]),
+    "localize-lookup": ("four-rooms", ["--end", "25", "--map", str(MAPS["localize-lookup"]), *WHEELS]),
     "localize-partial": ("partial", ["--end", "25", "--particles", "3000", "--map", str(MAPS["localize-partial"])]),
 }
 FILES = (
@@ -56,6 +58,7 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
     import numba.core.event as events
 
     from pfcli import run
+    from pfcli.align import Drive
     from pfcli.replay import Settings
 
     system = registry.system(name)
@@ -65,6 +68,7 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
         [sample(RUNS[name][0])],
         settings=Settings(end_s=20.0),
         map=MAPS.get(name),
+        drive=Drive(None, 0.1, 0.1, 0.33),
     )
     first = run.execute(job)
     with events.install_recorder("numba:compile") as recorder:

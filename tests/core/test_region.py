@@ -29,9 +29,7 @@ def test_gaps_too_narrow_for_the_robot_and_small_pockets_are_no_frontier() -> No
     cells[30:36, 50:56] = -1  # an unknown patch of 0.09 m^2
     found = region.region_of(cells, 0.05, (0.0, 0.0, 0.0))
     assert (found.edge_xy[found.edge_m == 0.0][:, 0] > 5.4).all()
-    places = region.places_of(
-        found.place, found.frame, np.array([[2.6, 1.6, 0.0], [8.0, 1.5, 0.0], [-3.0, 0.0, 0.0], [4.0, 0.47, 0.0]])
-    )
+    places = region.places(found, np.array([[2.6, 1.6, 0.0], [8.0, 1.5, 0.0], [-3.0, 0.0, 0.0], [4.0, 0.47, 0.0]]))
     assert places.tolist() == [INSIDE, OUTSIDE, OUTSIDE, WALL]
 
 
@@ -41,9 +39,7 @@ def test_a_turned_origin_turns_the_region() -> None:
     c, s = np.cos(0.5), np.sin(0.5)
     expected = np.array([3.0, -2.0]) + plain.free_xy @ np.array([[c, s], [-s, c]])
     assert turned.free_xy == pytest.approx(expected)
-    assert (
-        region.places_of(turned.place, turned.frame, np.column_stack([expected, np.zeros(len(expected))])) == INSIDE
-    ).all()
+    assert (region.places(turned, np.column_stack([expected, np.zeros(len(expected))])) == INSIDE).all()
 
 
 def test_a_move_through_a_wall_is_noticed() -> None:

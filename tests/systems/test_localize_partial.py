@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from pfcli.core.grid.region import region_of
+from pfcli.core.grid.region import places, region_of
 from pfcli.core.sensor import likelihood_field
 from pfcli.events import Pose2
 from pfcli.formats.map_yaml import GridMap
@@ -66,7 +66,7 @@ def test_entries_stand_at_the_frontier_and_were_outside_before_the_step(assets: 
     xy = found[:, :2] - 0.1 * np.stack([np.cos(before), np.sin(before)], 1)
     assert 100 < len(found) < 4000
     assert (found[:, 0] > 5.3).all()
-    assert (kernels.places(region, xy) == 0).all()
+    assert (places(region, xy) == 0).all()
 
 
 def test_flows_add_up_to_the_weights() -> None:

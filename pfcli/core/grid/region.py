@@ -101,9 +101,14 @@ def crosses_wall(place, frame, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def places_of(place, frame, poses):  # type: ignore[no-untyped-def]
-    """OUTSIDE, INSIDE or WALL of each pose (n, 3)."""
-    out = np.empty(poses.shape[0], np.uint8)
-    for i in range(poses.shape[0]):
-        out[i] = place_at(place, frame, poses[i, 0], poses[i, 1])
+def _places(place, frame, xy):  # type: ignore[no-untyped-def]
+    out = np.empty(xy.shape[0], np.uint8)
+    for i in range(xy.shape[0]):
+        out[i] = place_at(place, frame, xy[i, 0], xy[i, 1])
     return out
+
+
+def places(region: Region, xy: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """OUTSIDE, INSIDE or WALL of each point (n, 2)."""
+    found: NDArray[np.uint8] = _places(region.place, region.frame, np.ascontiguousarray(xy, np.float64))
+    return found

@@ -1,9 +1,11 @@
-"""Odometry as a motion prior: how uncertain a step is."""
+"""Odometry as a motion prior: how uncertain a step is, and particles that take it."""
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pfcli.core.geometry import wrap
 from pfcli.core.jit import kernel
 
 
@@ -35,4 +37,25 @@ def information(step, noise):  # type: ignore[no-untyped-def]
     out = np.zeros((3, 3))
     for k in range(3):
         out[k, k] = 1.0 / (sd[k] * sd[k])
+    return out
+
+
+@kernel
+def _predict_rows(low, high, poses, step, sd, z, out):  # type: ignore[no-untyped-def]
+    for i in range(low, high):
+        dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
+        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        out[i, 0], out[i, 1] = poses[i, 0] + c * dx - s * dy, poses[i, 1] + s * dx + c * dy
+        out[i, 2] = wrap(poses[i, 2] + step[2] + sd[2] * z[i, 2])
+
+
+def predict(
+    poses: NDArray[np.float64], step: NDArray[np.float64], sd: NDArray[np.float64], z: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Each pose (n, 3) after the same noisy step. Thrun 2005, section 5.4; Zhang 2014, eq. (10).
+
+    step, sd: (3,) in the old base frame and its standard deviations (m, m, rad); z: (n, 3) standard normal.
+    """
+    out = np.empty_like(poses)
+    _predict_rows(0, poses.shape[0], poses, step, sd, z, out)
     return out

@@ -13,20 +13,21 @@ from numpy.typing import NDArray
 from pfcli.core import estimate, particles
 from pfcli.core.geometry import between
 from pfcli.core.grid import local_history
-from pfcli.core.grid.region import Region, region_of
+from pfcli.core.grid.region import region_of
 from pfcli.core.grid.scan_points import points_of
 from pfcli.core.sensor import likelihood_field
-from pfcli.errors import LogError, UsageError
+from pfcli.errors import LogError
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_partial import corrected, kernels, paper, smooth
+from pfcli.systems.localize_partial import corrected, paper, smooth
 from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, in_the_map
 from pfcli.systems.localize_partial.params import Params
 from pfcli.systems.result import Result
+from pfcli.systems.start_cells import start_cells
 from pfcli.systems.track import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
@@ -84,7 +85,7 @@ class State(NamedTuple):
 
 
 def load(params: Params, job: Any) -> Assets:
-    """Read the map. Raises LogError where nobody could be localised in it, UsageError where the start lies outside."""
+    """Read the map. Raises LogError where nobody could be localised in it, UsageError for a start outside."""
     grid = map_yaml.read(job.map)
     origin = grid.origin
     region = region_of(grid.cells, grid.resolution_m, origin, params.robot_radius_m, params.pocket_m2)
@@ -98,28 +99,9 @@ def load(params: Params, job: Any) -> Assets:
             f"{job.map}: has no frontier (free cells beside unknown ones), so nobody can enter or leave it;"
             " say --initial inside, or lower --robot-radius-m or --pocket-m2"
         )
-    if initial.kind == "pose":
-        place = kernels.place_name(region, initial.pose)
-        if place != "free":
-            raise UsageError(
-                f"--initial: ({initial.pose[0]:g}, {initial.pose[1]:g}) is {place} in {job.map}; choose a free place"
-            )
     model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
     field = likelihood_field.build(grid.cells, grid.resolution_m, origin, model, unknown=params.model_unknown)
-    return Assets(grid, region, field, initial, _start_cells(region, initial))
-
-
-def _start_cells(region: Region, initial: Initial) -> NDArray[np.float64]:
-    """Centres of the cells in which the robot may stand at the start."""
-    if initial.kind != "region":
-        return region.free_xy
-    assert initial.region is not None
-    marked = map_yaml.read(initial.region)
-    allowed = region_of(marked.cells, marked.resolution_m, marked.origin, 0.0)
-    inside = kernels.places(allowed, region.free_xy) == 1
-    if not inside.any():
-        raise UsageError(f"--initial region:{initial.region}: none of its free cells is a free cell of the map")
-    return np.asarray(region.free_xy[inside])
+    return Assets(grid, region, field, initial, start_cells(region, initial, job.map))
 
 
 def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import wrap
-from pfcli.core.grid.region import Region, crosses_wall, place_at, places_of
+from pfcli.core.grid.region import Region, crosses_wall, place_at
 from pfcli.core.jit import kernel
 from pfcli.core.resample.kld import bound, occupied_bins
 from pfcli.core.threads import spread
@@ -144,14 +144,3 @@ def _draw(members, m, weights, mass, u, wanted, chosen):  # type: ignore[no-unty
             total += weights[members[k]]
         chosen[j] = members[k]
     return wanted
-
-
-def places(region: Region, xy: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """OUTSIDE, INSIDE or WALL of each point (n, 2)."""
-    found: NDArray[np.uint8] = places_of(region.place, region.frame, np.ascontiguousarray(xy, np.float64))
-    return found
-
-
-def place_name(region: Region, pose: tuple[float, float, float]) -> str:
-    """`free`, `in a wall` or `outside the map`."""
-    return ("outside the map", "free", "in a wall")[int(places(region, np.array([pose[:2]]))[0])]

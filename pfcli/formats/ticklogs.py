@@ -1,0 +1,138 @@
+"""Text logs that hold wheel ticks: tinySLAM / CoreSLAM `.dat`, the LEGO robot's folder, the tricycle's log.
+
+Every reader gives the same: events in the order of the file, where the scanner sits, how many lines it could not read,
+and what to say on the command line to turn ticks into motion.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.errors import LogError, reason
+from pfcli.events import Pose2, Scan, Ticks, Truth
+from pfcli.formats.carmen import open_text
+
+_MS, _US = 1_000_000, 1_000
+_URG_BEAMS, _URG_STEP_RAD = 682, math.radians(360.0 / 1024.0)
+
+
+class TickLog(NamedTuple):
+    """What a log of ticks holds; hint: wheel options for `pfcli`."""
+
+    events: list[Ticks | Scan | Truth]
+    mount: Pose2
+    broken: int
+    hint: str
+
+
+def reader_of(source: Path) -> Callable[[Path], TickLog] | None:
+    """Which of these formats a file or folder is, by its name and first line; None where it is none of them."""
+    if source.is_dir():
+        return lego if any(source.glob("*_motors.txt*")) else None
+    name = source.name.removesuffix(".gz").removesuffix(".bz2")
+    if name.endswith(".dat"):
+        return tinyslam
+    if name.endswith(".txt"):
+        if name.endswith(("_motors.txt", "_scan.txt")):
+            return lambda file: lego(file.parent)
+        return tricycle if next(_lines(source), "").startswith("#kinematic_model") else None
+    return None
+
+
+def _lines(path: Path) -> Iterator[str]:
+    try:
+        with open_text(path) as lines:
+            yield from lines
+    except (OSError, EOFError) as error:
+        raise LogError(f"{path}: cannot be read as a log of ticks ({reason(error)})") from None
+
+
+def tinyslam(source: Path) -> TickLog:
+    """CoreSLAM `.dat`: stamp in us, cumulative ticks, 682 ranges of a URG-04LX in mm, 0 where nothing came back.
+
+    Two layouts are about: 24 columns before the scan (ticks in 2 and 3), or 13 (ticks in 1 and 2, the second negated).
+    """
+    events: list[Ticks | Scan | Truth] = []
+    broken = 0
+    start = -_URG_STEP_RAD * (_URG_BEAMS - 1) / 2
+    for line in _lines(source):
+        words = line.split()
+        before = {24 + _URG_BEAMS: 24, 25 + _URG_BEAMS: 24, 13 + _URG_BEAMS: 13}.get(len(words))
+        try:
+            if before is None:
+                raise ValueError
+            left, right = (int(words[2]), int(words[3])) if before == 24 else (int(words[1]), -int(words[2]))
+            stamp = int(words[0]) * _US
+            ranges = np.array(words[before : before + _URG_BEAMS], np.float32) * np.float32(1e-3)
+        except ValueError:
+            broken += bool(words)
+            continue
+        events.append(Ticks(stamp, ("left", "right"), np.array([left, right]), 2000.0, True))
+        events.append(Scan(stamp, _none(ranges), start, _URG_STEP_RAD, 0.02, 4.0, Pose2()))
+    hint = "--motion encoders --wheel-radius-m 0.077 --track-width-m 0.33"
+    return _checked(source, TickLog(events, Pose2(0.145, 0.0, 0.0), broken, hint))
+
+
+def lego(folder: Path) -> TickLog:
+    """A folder with `*_motors.txt` (M lines: ms, ticks of the left and right motor) and `*_scan.txt` (S lines: ms, count,
+    ranges in mm), after the SLAM lectures of C. Brenner."""
+    motors, scans = (sorted(folder.glob(f"*_{kind}.txt*")) for kind in ("motors", "scan"))
+    if len(motors) != 1 or len(scans) != 1:
+        raise LogError(f"{folder}: expected one *_motors.txt and one *_scan.txt")
+    events: list[Ticks | Scan | Truth] = []
+    broken = 0
+    for path in (motors[0], scans[0]):
+        for line in _lines(path):
+            words = line.split()
+            try:
+                if words and words[0] == "M":
+                    ticks = np.array([int(words[2]), int(words[6])])
+                    events.append(Ticks(int(words[1]) * _MS, ("left", "right"), ticks, 360.0, True))
+                elif words and words[0] == "S":
+                    ranges = np.array(words[3:], np.float32) * np.float32(1e-3)
+                    if ranges.size != int(words[2]):
+                        raise ValueError
+                    low, step = -330 * 0.006135923 - 0.0698132, 0.006135923
+                    events.append(Scan(int(words[1]) * _MS, _none(ranges), low, step, 0.02, 4.0, Pose2()))
+            except (ValueError, IndexError):
+                broken += 1
+    hint = "--motion encoders --wheel-radius-m 0.019996 --track-width-m 0.155"
+    return _checked(folder, TickLog(events, Pose2(0.03, 0.0, 0.0), broken, hint))
+
+
+def tricycle(source: Path) -> TickLog:
+    """`time: s ticks: STEERING TRACTION model_pose: x y yaw tracker_pose: x y yaw`; the tracker's pose is that of the
+    scanner, 1.5 m ahead, and becomes the truth as it is."""
+    events: list[Ticks | Scan | Truth] = []
+    broken, tops, mount = 0, (8192.0, 5000.0), (1.5, 0.0)
+    for line in _lines(source):
+        words = line.replace(":", " ").split()
+        try:
+            if line.startswith("#joints_max_enc_values"):
+                tops = (float(words[1]), float(words[2]))
+            elif words and words[0] == "time":
+                whole, _, fraction = words[1].partition(".")
+                stamp = int(whole) * 1_000_000_000 + int((fraction + "0" * 9)[:9])
+                names, ticks = ("steering", "traction"), np.array([int(words[3]), int(words[4])])
+                x, y, yaw = (float(v) for v in words[10:13])
+                events.append(Ticks(stamp, names, ticks, tops[1], True))
+                events.append(Truth(stamp, x, y, yaw))
+        except (ValueError, IndexError):
+            broken += 1
+    hint = "a tricycle: steering in 1/8192 turns, traction in 1/5000 turns"
+    return _checked(source, TickLog(events, Pose2(*mount, 0.0), broken, hint))
+
+
+def _none(ranges_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Ranges with infinity where the scanner says 0: nothing came back."""
+    return np.where(ranges_m <= 0, np.float32(np.inf), ranges_m).astype(np.float32)
+
+
+def _checked(source: Path, log: TickLog) -> TickLog:
+    if not any(isinstance(event, Ticks) for event in log.events):
+        raise LogError(f"{source}: holds no line with wheel ticks")
+    return log._replace(events=sorted(log.events, key=lambda event: event.stamp_ns))

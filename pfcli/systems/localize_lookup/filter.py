@@ -1,0 +1,240 @@
+"""Global localisation with headings from one match and ranges from a table. Zhang 2014 (zhang2014lookup).
+
+One update, in the paper's order: particles move (eq. (10)), expected ranges are looked up and compared (eq. (13)), the
+best particle is reported, particles are drawn anew. The first reading gives the particles their headings (eq. (12)).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import estimate
+from pfcli.core.geometry import between
+from pfcli.core.grid import raycast
+from pfcli.core.grid.region import region_of
+from pfcli.core.motion.odometry import Noise, predict, standard_deviations
+from pfcli.core.resample import multinomial, systematic
+from pfcli.core.sensor import range_beams, range_table
+from pfcli.core.sensor.range_beams import Beams
+from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.errors import LogError, UsageError
+from pfcli.events import Sounding, Sweep
+from pfcli.formats import map_yaml, range_table_file
+from pfcli.initial import Initial
+from pfcli.registry import System
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.localize_lookup import start
+from pfcli.systems.localize_lookup.beams import Assets, beams_of, evidence, model_of
+from pfcli.systems.localize_lookup.params import Params
+from pfcli.systems.result import Result
+from pfcli.systems.start_cells import start_cells
+from pfcli.systems.track import TrackKeeper
+
+_MODE_M, _MODE_RAD = 0.75, 0.5
+_CERTAIN, _CERTAIN_M = 0.8, 0.3
+_FADING = 0.2
+"""Weight of the newest reading in `fit`: one glance at a crowd is no reason to think oneself lost."""
+
+
+class Info(NamedTuple):
+    """One update, as a row of `metrics.parquet`; missed: share of the particles whose sensor stands in no free cell."""
+
+    t_ns: int
+    best_log_w: float
+    mode_share: float
+    modes: int
+    sd_m: float
+    sd_yaw_rad: float
+    n_eff: float
+    missed: float
+    log_evidence: float
+    resampled: bool
+    way_m: float
+    beams: int
+
+
+class State(NamedTuple):
+    """pose (n, 3) and log weight (n,) of each particle; odometry (1, 3) of the last update; fit: log evidence of the last
+    readings, fading, as a share of the best there could be; what the end needs."""
+
+    pose: NDArray[np.float64]
+    log_w: NDArray[np.float64]
+    odometry: NDArray[np.float64]
+    way_m: float
+    fit: float
+    track: TrackKeeper
+    frames: FrameKeeper
+    certain_ns: list[int]
+    looks: list[int]
+
+
+def load(params: Params, job: Any) -> Assets:
+    """Read the map and its table. Raises LogError where nobody could stand in it, UsageError for a start outside."""
+    grid = map_yaml.read(job.map)
+    region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
+    if region.free_xy.size == 0:
+        raise LogError(f"{job.map}: has no free cells")
+    initial: Initial = job.initial
+    if initial.kind == "outside":
+        raise UsageError("--initial outside: localize-lookup knows no outside; localize-partial does")
+    seen = grid._replace(cells=raycast.unveiled(grid.cells, grid.resolution_m, params.veil_m))
+    rays = range_beams.rays_of(seen.cells, grid.resolution_m, grid.origin, params.table_range_m)
+    table, source = None, "rays"
+    needed = range_table.bytes_of(seen.cells, params.bins) / 2**20
+    if params.ranges == "table" and needed > params.table_budget_mib:
+        source = f"rays: the table would take {needed:.0f} MiB, more than --table-budget-mib"
+    elif params.ranges == "table":
+        loaded = range_table_file.load(seen, params.bins, params.table_range_m)
+        table, source = loaded.table, f"table, {loaded.origin}"
+    return Assets(
+        grid,
+        start_cells(region, initial, job.map),
+        rays,
+        table,
+        initial,
+        source,
+        raycast.wall_thickness_m(grid.cells, grid.resolution_m),
+    )
+
+
+def init(params: Params, assets: Assets, first: Sweep | Sounding, draw: Draw) -> State:
+    """Nothing is known before the first usable reading."""
+    nothing = np.empty((0, 3))
+    return State(nothing, np.empty(0), np.array([first.odometry]), 0.0, 1.0, TrackKeeper(), FrameKeeper(), [], [])
+
+
+def step(
+    state: State, reading: Sweep | Sounding, assets: Assets, params: Params, draw: Draw
+) -> tuple[State, Info | None]:
+    """Every reading is recorded; one that has moved far enough updates the filter."""
+    state.track.see(reading)
+    now = np.array([reading.odometry], np.float64)
+    moved = between(state.odometry, now)[0]
+    first = state.pose.shape[0] == 0
+    way = float(np.hypot(moved[0], moved[1]))
+    if not (first or way >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad):
+        return state, None
+    beams = beams_of(reading, params)
+    if beams.turn.size == 0:
+        return state, None
+    if first:
+        pose, log_w, _ = start.scatter(beams, assets, params, draw(Purpose.INIT, reading.stamp_ns))
+    else:
+        z = draw(Purpose.MOTION, reading.stamp_ns).standard_normal(state.pose.shape)
+        pose = predict(state.pose, moved, standard_deviations(moved, _noise(params)), z)
+        model = model_of(params, beams, assets, params.sigma_hit_m)
+        log_w = state.log_w + evidence(pose, beams, assets, model)
+        best = model.gain * float(model.score.max()) * beams.turn.size
+        fit = state.fit if best <= 0.0 else state.fit + _FADING * (normalize(log_w)[1] / best - state.fit)
+        state = state._replace(fit=fit)
+        if params.variant == "corrected" and params.lost_share > 0.0 and fit < params.lost_fit:
+            pose, log_w = _look_around(pose, log_w, beams, assets, params, draw(Purpose.INJECT, reading.stamp_ns))
+            state.looks.append(reading.stamp_ns)
+            state = state._replace(fit=1.0)
+    state = state._replace(pose=pose, log_w=log_w, odometry=now, way_m=state.way_m + way)
+    return _conclude(state, reading, beams, assets, params, draw)
+
+
+def _look_around(
+    pose: NDArray[np.float64],
+    log_w: NDArray[np.float64],
+    beams: Beams,
+    assets: Assets,
+    params: Params,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The particles, and beside them those of a robot that may be anywhere: each side by its prior and its evidence."""
+    found = start.anywhere(beams, assets, params, rng)
+    log_w = log_w + np.log(1.0 - params.lost_share)
+    _, log_sum = normalize(found.log_w)
+    fresh = found.log_w - log_sum + found.log_evidence + np.log(params.lost_share)
+    return np.concatenate([pose, found.pose]), np.concatenate([log_w, fresh])
+
+
+def _noise(params: Params) -> Noise:
+    return Noise(
+        params.motion_xy_per_m,
+        params.motion_xy_per_rad_m,
+        params.motion_xy_m,
+        params.motion_yaw_per_rad,
+        params.motion_yaw_per_m_rad,
+        params.motion_yaw_rad,
+    )
+
+
+def _conclude(
+    state: State, reading: Sweep | Sounding, beams: Beams, assets: Assets, params: Params, draw: Draw
+) -> tuple[State, Info]:
+    """Report, then resample."""
+    pose = state.pose
+    weights, log_evidence = normalize(state.log_w)
+    found = estimate.densest(pose, weights, _MODE_M, _MODE_RAD)
+    if params.variant == "paper":
+        found = found._replace(pose=pose[int(np.argmax(weights))].copy())
+    sd_m, sd_yaw = float(np.sqrt(found.cov[0, 0] + found.cov[1, 1])), float(np.sqrt(found.cov[2, 2]))
+    state.track.update(found.pose, found.cov)
+    if found.mass >= _CERTAIN and sd_m <= _CERTAIN_M:
+        state.certain_ns.append(reading.stamp_ns)
+    n_eff = float(effective_sample_size(weights))
+    crowded = pose.shape[0] > params.particles
+    resample = params.variant == "paper" or crowded or n_eff < params.resample_threshold * pose.shape[0]
+    state.frames.offer(reading.stamp_ns, found.pose, pose[np.argsort(-weights, kind="stable")], _ends(beams))
+    info = Info(
+        t_ns=reading.stamp_ns,
+        best_log_w=float(state.log_w.max()),
+        mode_share=found.mass,
+        modes=estimate.modes(pose, weights, _MODE_M, _MODE_RAD),
+        sd_m=sd_m,
+        sd_yaw_rad=sd_yaw,
+        n_eff=n_eff,
+        missed=range_beams.misses(pose, beams, assets.rays),
+        log_evidence=log_evidence,
+        resampled=bool(resample),
+        way_m=state.way_m,
+        beams=beams.turn.size,
+    )
+    if not resample:
+        return state._replace(log_w=state.log_w - log_evidence), info
+    rng = draw(Purpose.RESAMPLE, reading.stamp_ns)
+    if params.variant == "paper":
+        chosen = multinomial.ancestors(weights, rng.random(params.particles))
+    else:
+        chosen = systematic.choose(weights, rng.random(), params.particles)
+    n = chosen.size
+    return state._replace(pose=pose[chosen], log_w=np.full(n, -np.log(n))), info
+
+
+def _ends(beams: Beams) -> NDArray[np.float32]:
+    """End points (b, 2) of the beams that returned, base frame."""
+    origin = np.repeat(beams.mounts[:, :2], np.diff(beams.start), axis=0)
+    back = np.isfinite(beams.range_m)
+    return np.asarray((origin + (beams.range_m * beams.unit).T)[back], np.float32)
+
+
+def finish(state: State, assets: Assets, params: Params) -> Result:
+    """Track, and since when the filter was certain."""
+    track = state.track.track({})
+    summary = {
+        "updates": int(track.columns["update"].sum()),
+        "ranges": assets.source,
+        "certain_since_s": round((state.certain_ns[0] - int(track.stamps_ns[0])) * 1e-9, 3)
+        if state.certain_ns
+        else None,
+        "looks_around": len(state.looks),
+        "particles": int(state.pose.shape[0]),
+    }
+    return Result(track, assets.grid, state.frames.frames(), summary)
+
+
+SYSTEM = System(
+    name="localize-lookup",
+    params=Params,
+    info=Info,
+    needs=(frozenset({"motion", "scan"}), frozenset({"motion", "range"})),
+    load=load,
+    init=init,
+    step=step,
+    finish=finish,
+)

@@ -1,0 +1,212 @@
+"""Headings from one match, ranges from a table: both variants on small worlds, and what happens to a lost robot."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfcli.core.resample import multinomial
+from pfcli.core.sensor import range_beams
+from pfcli.core.weights import normalize
+from pfcli.events import Pose2, Ranges, Scan, Sounding, Sweep
+from pfcli.formats import map_yaml
+from pfcli.initial import Initial
+from pfcli.registry import system
+from pfcli.run import Job
+from pfcli.simulate.world import WORLDS, rasterize
+from pfcli.systems.localize_lookup import start
+from pfcli.systems.localize_lookup.beams import Assets, beams_of, evidence, model_of
+from pfcli.systems.localize_lookup.params import Params
+
+Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
+TRUE = np.array([2.4, 2.3, 0.7])
+WHEELS = ["--wheel-radius-m", 0.1, "--track-width-m", 0.33]
+
+
+@pytest.fixture(scope="module")
+def map_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("map")
+    map_yaml.write(folder, rasterize(WORLDS["four-rooms"](1), 0.05))
+    return folder / "map.yaml"
+
+
+def _assets(map_file: Path, initial: Initial, **given: object) -> tuple[Assets, Params]:
+    found = system("localize-lookup")
+    params = Params(**given)  # type: ignore[arg-type]
+    assets: Assets = found.load(params, Job(found, params, [], map=map_file, initial=initial))
+    return assets, params
+
+
+def _seen(assets: Assets, pose: np.ndarray, angles: np.ndarray, mount: np.ndarray) -> np.ndarray:
+    """What a perfect sensor reads at a pose."""
+    from pfcli.core.grid import raycast
+
+    x = pose[0] + np.cos(pose[2]) * mount[0] - np.sin(pose[2]) * mount[1]
+    y = pose[1] + np.sin(pose[2]) * mount[0] + np.cos(pose[2]) * mount[1]
+    at = np.array([[(x - assets.grid.origin[0]) / 0.05, (y - assets.grid.origin[1]) / 0.05]])
+    turn = pose[2] + mount[2] + angles
+    rays = assets.rays
+    return raycast.cast_many(rays.room, rays.cells, np.repeat(at, turn.size, 0), turn, 600.0) * 0.05 + 0.025
+
+
+def _sweep(assets: Assets, pose: np.ndarray) -> Sweep:
+    angles = np.radians(np.arange(-120, 120, 2.0))
+    mount = np.array([0.12, 0.0, 0.1])
+    ranges = _seen(assets, pose, angles, mount).astype(np.float32)
+    scan = Scan(5, ranges, float(angles[0]), float(np.radians(2.0)), 0.02, 12.0, Pose2(*mount))
+    return Sweep(5, (0.0, 0.0, 0.0), scan, "")
+
+
+def _sounding(assets: Assets, pose: np.ndarray) -> Sounding:
+    mounts = np.array([[0.15, 0.0, 0.5], [0.15, 0.0, -0.5]])
+    ranges = np.array([_seen(assets, pose, np.zeros(1), m)[0] for m in mounts], np.float32)
+    limits = np.full(2, 0.02, np.float32), np.full(2, 8.0, np.float32)
+    return Sounding(5, (0.0, 0.0, 0.0), Ranges(5, ranges, mounts, *limits))
+
+
+def _off(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    turn = np.abs(np.angle(np.exp(1j * (poses[:, 2] - pose[2]))))
+    return np.where(turn < 0.2, np.hypot(*(poses - pose)[:, :2].T), np.inf)
+
+
+def test_one_match_gives_the_heading_at_the_true_place(map_file: Path) -> None:
+    """Zhang 2014, eq. (12), in both variants, for a mounted scanner."""
+    for variant in ("paper", "corrected"):
+        assets, params = _assets(map_file, Initial("inside"), variant=variant)
+        beams = beams_of(_sweep(assets, TRUE), params)
+        c, s = np.cos(TRUE[2]), np.sin(TRUE[2])
+        sensor = np.array([[TRUE[0] + c * 0.12, TRUE[1] + s * 0.12]])
+        poses, log_w = start._matched(sensor, beams, 0.1, assets, params, np.random.default_rng(0))
+        assert _off(poses[np.argmax(log_w)][None], TRUE)[0] < 0.02
+
+
+def test_headings_of_several_mounts_are_matched_together(map_file: Path) -> None:
+    assets, params = _assets(map_file, Initial("inside"), modes=6)
+    beams = beams_of(_sounding(assets, TRUE), params)
+    assert beams.mounts.shape == (2, 3)
+    c, s = np.cos(TRUE[2]), np.sin(TRUE[2])
+    sensor = np.array([[TRUE[0] + c * 0.15, TRUE[1] + s * 0.15]])
+    poses, _ = start._matched(sensor, beams, 0.1, assets, params, np.random.default_rng(0))
+    assert _off(poses, TRUE).min() < 0.02
+
+
+@pytest.mark.parametrize("ranges", ["table", "rays"])
+def test_the_first_reading_finds_the_robot(map_file: Path, ranges: str) -> None:
+    assets, params = _assets(map_file, Initial("inside"), ranges=ranges)
+    beams = beams_of(_sweep(assets, TRUE), params)
+    found = start.scatter(beams, assets, params, np.random.default_rng(1))
+    weights, _ = normalize(found.log_w)
+    assert found.pose.shape == (params.particles, 3)
+    assert weights[_off(found.pose, TRUE) < 0.3].sum() > 0.8
+
+
+def test_a_heading_prior_holds(map_file: Path) -> None:
+    assets, params = _assets(map_file, Initial("inside", heading=(0.7, 0.05)))
+    beams = beams_of(_sounding(assets, TRUE), params)
+    found = start.scatter(beams, assets, params, np.random.default_rng(1))
+    assert np.abs(np.angle(np.exp(1j * (found.pose[:, 2] - 0.7)))).max() < 0.5
+
+
+def test_the_evidence_of_a_robot_that_may_be_anywhere_is_the_mean_over_all_poses(map_file: Path) -> None:
+    """What `--lost-share` weighs against the particles: log of the mean of p(z | x) over the map."""
+    assets, params = _assets(map_file, Initial("inside"), modes=36)
+    beams = beams_of(_sounding(assets, TRUE), params)
+    found = start.anywhere(beams, assets, params, np.random.default_rng(3))
+    rng = np.random.default_rng(4)
+    xy = assets.start_xy[rng.integers(len(assets.start_xy), size=300_000)]
+    poses = np.column_stack([xy, rng.uniform(-np.pi, np.pi, len(xy))])
+    area = len(assets.start_xy) * 0.05**2
+    spread = np.hypot(0.1, np.sqrt(area / max(params.particles, area * params.start_density_per_m2)))
+    brute = np.log(np.mean(np.exp(evidence(poses, beams, assets, model_of(params, beams, assets, spread)))))
+    assert found.log_evidence == pytest.approx(brute, abs=0.25)
+
+
+def test_beams_that_bring_nothing_back_are_left_out_unless_asked_for(map_file: Path) -> None:
+    assets, params = _assets(map_file, Initial("inside"))
+    sweep = _sweep(assets, TRUE)
+    ranges = sweep.scan.ranges_m.copy()
+    ranges[::4], ranges[1::4] = np.inf, np.nan
+    sweep = sweep._replace(scan=sweep.scan._replace(ranges_m=ranges))
+    used = beams_of(sweep, params)
+    assert np.isfinite(used.range_m).all()
+    both = beams_of(sweep, Params(no_return=True))
+    assert np.isinf(both.range_m).sum() == 30
+    assert not np.isnan(both.range_m).any()
+
+
+def test_multinomial_offspring_follow_the_weights() -> None:
+    weights = np.array([0.5, 0.0, 0.3, 0.2])
+    counts = np.zeros(4)
+    rng = np.random.default_rng(2)
+    for _ in range(500):
+        counts += np.bincount(multinomial.ancestors(weights, rng.random(40)), minlength=4)
+    n = 500 * 40
+    assert (np.abs(counts / n - weights) <= 4.5 * np.sqrt(weights * (1 - weights) / n)).all()
+
+
+def test_a_table_over_budget_is_replaced_by_rays_and_said_so(map_file: Path) -> None:
+    assets, _ = _assets(map_file, Initial("inside"), table_budget_mib=1.0)
+    assert assets.table is None
+    assert "MiB" in assets.source
+
+
+def _run(pfcli: Cli, out: Path, *words: object) -> dict[str, object]:
+    log, place = SAMPLES / "four-rooms.mcap", SAMPLES / "four-rooms.yaml"
+    done = pfcli("localize-lookup", log, "--map", place, "--out", out, "--truth", "auto", "--json", *WHEELS, *words)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, object] = json.loads(done.stdout)
+    return found
+
+
+def test_the_sample_log_is_localised_with_the_scanner_and_with_two_range_finders(pfcli: Cli, tmp_path: Path) -> None:
+    by_scan = _run(pfcli, tmp_path / "a")
+    assert by_scan["truth"]["max_m"] < 0.2  # type: ignore[index]
+    finders = _run(pfcli, tmp_path / "b", "--topic", "range=/range/left,/range/right", "--seed", 1)
+    assert finders["read"]["range"] > 200  # type: ignore[index]
+    assert finders["truth"]["median_m"] < 1.0  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--initial", "outside"], "knows no outside"),
+        (["--wheel-joints", "a,b"], "has no joint 'a', but left, right"),
+        (["--initial", "0.01,0.01,0"], "in a wall"),
+        (["--bins", "10"], "bins = 10 is outside 72 .. 720"),
+        (["--max-range-m", "0.03"], "usable beam"),
+    ],
+)
+def test_bad_input_is_one_line(words: list[str], told: str, pfcli: Cli, tmp_path: Path) -> None:
+    log, place = SAMPLES / "four-rooms.mcap", SAMPLES / "four-rooms.yaml"
+    done = pfcli("localize-lookup", log, "--map", place, "--out", tmp_path / "o", *WHEELS, *words)
+    assert done.returncode in (1, 2)
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "o").exists()
+
+
+def test_table_builds_inspects_and_checks(pfcli: Cli, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PFCLI_CACHE_DIR", str(tmp_path))
+    words = ("table", SAMPLES / "four-rooms.yaml", "--bins", 90, "--check", 20000, "--json")
+    first, second = (json.loads(pfcli(*words).stdout) for _ in range(2))
+    assert (first["origin"], second["origin"]) == ("built", "kept")
+    assert first["within_one_cell"] > 0.7
+    changed = json.loads(pfcli("table", SAMPLES / "small-loop.yaml", "--bins", 90, "--json").stdout)
+    assert changed["origin"] == "built"
+
+
+def test_without_a_table_rays_find_the_same_robot(map_file: Path) -> None:
+    assets, params = _assets(map_file, Initial("inside"))
+    beams = beams_of(_sweep(assets, TRUE), params)
+    model = model_of(params, beams, assets, 0.1)
+    near = TRUE + np.random.default_rng(0).normal(0, [0.05, 0.05, 0.02], (2000, 3))
+    far = TRUE + np.array([1.0, 0.5, 1.0])
+    poses = np.vstack([near, far[None]])
+    assert assets.table is not None
+    looked_up, cast = evidence(poses, beams, assets, model), range_beams.from_rays(poses, beams, assets.rays, model)
+    assert looked_up[-1] < looked_up[:-1].min()
+    assert np.corrcoef(looked_up, cast)[0, 1] > 0.8
