@@ -6,7 +6,8 @@ python benchmarks/lookup_world.py pictures FILE
 
 Converged: 80 % of the mass within 0.3 m and 10 degrees of the truth, and so in the next update. Every seed starts at
 another place of the drive. In the world of equal rooms updates count from the first view that tells the true place from
-all its images: more than 5 % of the beams (any of two range finders) differ by more than 0.3 m. The classic filter draws headings at random and casts its rays on the spot.
+all its images: more than 5 % of the beams (any of two range finders) differ by more than 0.3 m. The classic filter
+draws headings at random and casts its rays on the spot.
 """
 
 import sys

@@ -243,6 +243,11 @@ def sweeps(
             loss.add("scan without odometry", "scans after the last odometry message have no pose")
 
 
+def bare(events: Iterable[Event]) -> Iterator[Sweep]:
+    """Scans alone, as if the robot stood still."""
+    return (Sweep(event.stamp_ns, (0.0, 0.0, 0.0), event, "") for event in events if isinstance(event, Scan))
+
+
 def _joined(reading: Scan | Ranges, odometry: tuple[float, float, float], name: str) -> Sweep | Sounding:
     if isinstance(reading, Ranges):
         return Sounding(reading.stamp_ns, odometry, reading, name)

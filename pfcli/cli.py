@@ -15,6 +15,7 @@ _COMMANDS = {
     "convert": ("pfcli.commands.convert:convert", "CARMEN logs and ROS bags -> MCAP."),
     "simulate": ("pfcli.commands.simulate:simulate", "Worlds, robots and sensors with truth -> MCAP."),
     "evaluate": ("pfcli.commands.evaluate:evaluate", "A track against truth or relations; a map against itself."),
+    "calibrate": ("pfcli.commands.calibrate:calibrate", "What localize-reliable decides by, learnt from a map."),
     "table": ("pfcli.commands.table:table", "The range table of a map, as localize-lookup uses it."),
     "params": ("pfcli.commands.params:params", "A system's parameters as TOML."),
 }

@@ -7,21 +7,24 @@ from typing import Any, NamedTuple
 SYSTEMS = {
     "localize-lookup": "pfcli.systems.localize_lookup.filter:SYSTEM",
     "localize-partial": "pfcli.systems.localize_partial.filter:SYSTEM",
+    "localize-reliable": "pfcli.systems.localize_reliable.filter:SYSTEM",
     "slam-gdr": "pfcli.systems.slam_gdr.filter:SYSTEM",
 }
 
 PARAMS = {
     "localize-lookup": "pfcli.systems.localize_lookup.params:Params",
     "localize-partial": "pfcli.systems.localize_partial.params:Params",
+    "localize-reliable": "pfcli.systems.localize_reliable.params:Params",
     "slam-gdr": "pfcli.systems.slam_gdr.params:Params",
 }
 
-LOCALISERS = frozenset({"localize-lookup", "localize-partial"})
+LOCALISERS = frozenset({"localize-lookup", "localize-partial", "localize-reliable"})
 """Systems that need a map and a start: their commands have --map, --initial and --heading-prior."""
 
 SUMMARY = {
     "localize-lookup": "Global localisation: headings from one match, ranges from a precomputed table.",
     "localize-partial": "Monte Carlo localisation in an incomplete map: where, and is the robot in the map at all?",
+    "localize-reliable": "A pose that says whether it can be trusted, which beams the map explains, and finds itself again.",
     "slam-gdr": "Rao-Blackwellised SLAM with Gaussian distributed resampling.",
 }
 

@@ -16,6 +16,7 @@ class Purpose(IntEnum):
     SIMULATE = 5
     BOOTSTRAP = 6
     INJECT = 7
+    CALIBRATE = 8
 
 
 def rng_for(seed: int, purpose: Purpose, stamp_ns: int, k: int = 0) -> np.random.Generator:

@@ -250,6 +250,10 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
     parquet.write(folder / "frames.parquet", _frame_columns(run.result), meta)
     if run.result.grid is not None:
         map_yaml.write(folder, run.result.grid)
+    for name, layer in run.result.layers.items():
+        map_yaml.write(folder, layer, name)
+    for name, table in run.result.tables.items():
+        parquet.write(folder / f"{name}.parquet", table, meta)
     (folder / "params.toml").write_text(f"# {job.system.name}, seed {job.seed}\n" + to_toml(job.params))
     summary = summarize(job, run)
     (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n")

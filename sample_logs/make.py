@@ -63,6 +63,8 @@ def _localised(ran: dict[str, Any]) -> dict[str, float]:
     found = {"median_m": ran["truth"]["median_m"], "updates": ran["updates"]}
     if "crossings" in ran:
         return found | {"crossings": len(ran["crossings"]), "in_map_at_end": ran["in_map_at_end"]}
+    if "recoveries" in ran:
+        return found | {"recoveries": len(ran["recoveries"]), "p_success_at_end": ran["p_success_at_end"]}
     since = ran["certain_since_s"]
     return found | {"max_m": ran["truth"]["max_m"], "certain_since_s": 1e9 if since is None else since}
 

@@ -93,6 +93,16 @@ def densest(poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: f
 
 
 @kernel
+def members(poses, centre, reach_m, reach_rad):  # type: ignore[no-untyped-def]
+    """(n,) which poses (n, 3) belong to the hypothesis at `centre` (3,)."""
+    out = np.empty(poses.shape[0], np.bool_)
+    for i in range(poses.shape[0]):
+        dx, dy = poses[i, 0] - centre[0], poses[i, 1] - centre[1]
+        out[i] = dx * dx + dy * dy <= reach_m * reach_m and abs(wrap(poses[i, 2] - centre[2])) <= reach_rad
+    return out
+
+
+@kernel
 def _tops(poses, heaviest, order, reach_m, reach_rad):  # type: ignore[no-untyped-def]
     count = 0
     kept = np.empty(order.size, np.int64)

@@ -1,5 +1,6 @@
 """Occupancy maps as nav2_map_server keeps them: an image and a YAML file beside it."""
 
+import hashlib
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,6 +38,13 @@ def write(folder: Path, grid: GridMap, name: str = "map") -> None:
         f"image: {name}.pgm\nmode: trinary\nresolution: {float(grid.resolution_m)!r}\norigin: [{x!r}, {y!r}, {yaw!r}]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
+
+
+def digest(grid: GridMap) -> str:
+    """SHA-256 (hex) of what a map says: its cells, resolution and origin, whatever its files are called."""
+    found = hashlib.sha256(np.ascontiguousarray(grid.cells).tobytes())
+    found.update(repr((grid.cells.shape, float(grid.resolution_m), tuple(map(float, grid.origin)))).encode())
+    return found.hexdigest()
 
 
 def read(path: Path) -> GridMap:

@@ -4,7 +4,6 @@ A file is written beside its place and renamed, so that two processes may build 
 nothing that is taken for whole. It is trusted only when its checksum fits: else it is built again.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from pfcli.core.sensor import range_table
 from pfcli.core.sensor.range_table import RangeTable
 from pfcli.core.threads import spread
 from pfcli.errors import OutputError, reason
+from pfcli.formats import map_yaml
 from pfcli.formats.map_yaml import GridMap
 
 _MAGIC = b"pfcli range table 1\n"
@@ -36,9 +36,7 @@ class Loaded(NamedTuple):
 
 def path_of(grid: GridMap, bins: int, range_m: float) -> Path:
     """Where the table of a map is kept."""
-    digest = hashlib.sha256(np.ascontiguousarray(grid.cells).tobytes())
-    digest.update(repr((grid.cells.shape, float(grid.resolution_m), tuple(map(float, grid.origin)))).encode())
-    return cache_root() / "range-tables" / f"{digest.hexdigest()[:24]}-{bins}-{range_m:g}.ranges"
+    return cache_root() / "range-tables" / f"{map_yaml.digest(grid)[:24]}-{bins}-{range_m:g}.ranges"
 
 
 def load(grid: GridMap, bins: int, range_m: float) -> Loaded:

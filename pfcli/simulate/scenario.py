@@ -88,6 +88,12 @@ SCENARIOS = {
             "json",
             range_finders_deg=30.0,
         ),
+        Scenario("reliable-kidnap", "office-carried"),
+        Scenario("reliable-20", "office-boxes-few"),
+        Scenario("reliable-40", "office-boxes-some"),
+        Scenario("reliable-60", "office-boxes-many"),
+        Scenario("reliable-crowd", "office", people=25, people_keep_m=0.6),
+        Scenario("reliable-sample", "office-carried", duration_s=150.0, rate_hz=2.0, odometry_hz=4.0),
         Scenario("partial-leave", "partial-leave", known_share=0.5),
         Scenario("partial-enter", "partial-enter", known_share=0.5),
         Scenario("partial-other-way", "partial-other-way", known_share=0.5),
@@ -141,6 +147,7 @@ class Reading(NamedTuple):
 def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
     """Drive the scenario; everything is rounded to 1 mm and 1e-4 rad so that CPU types agree."""
     world = WORLDS[scenario.world](scenario.world_seed)
+    standing = np.concatenate([world.walls, world.unmapped])
     robot, laser = ROBOTS[scenario.robot], _laser(scenario)
     rng = rng_for(seed, Purpose.SIMULATE, 0)
     odometer = WheelOdometry(robot, rng)
@@ -160,11 +167,11 @@ def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
         if k % every == 0:
             sx, sy, syaw = _compose(true, laser.mount)
             near = np.hypot(crowd.discs[:, 0] - sx, crowd.discs[:, 1] - sy) < scenario.people_keep_m
-            cast(sx, sy, offsets + syaw, world.walls, crowd.discs[~near], laser.range_m, ranges)
+            cast(sx, sy, offsets + syaw, standing, crowd.discs[~near], laser.range_m, ranges)
             noisy = np.round(ranges + laser.noise_m * rng.standard_normal(laser.beams), 3)
             seen = np.where(ranges >= laser.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
             if scenario.range_finders_deg:
-                ahead = _ahead(scenario, true, world, crowd.discs, finders)
+                ahead = _ahead(scenario, true, standing, crowd.discs, finders)
         stamp_ns = _EPOCH_NS + round(k * STEP_S * 1e9)
         yield Reading(stamp_ns, _rounded(true), _rounded(odometry), odometer.wheels_m, seen, ahead)
 
@@ -172,14 +179,14 @@ def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
 def _ahead(
     scenario: Scenario,
     true: tuple[float, float, float],
-    world: World,
+    walls: NDArray[np.float64],
     discs: NDArray[np.float64],
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
     """What the range finders read."""
     x, y, yaw = _compose(true, RANGE_FINDER.mount)
     side, out = math.radians(scenario.range_finders_deg), np.empty(2)
-    cast(x, y, np.array([yaw + side, yaw - side]), world.walls, discs, RANGE_FINDER.range_m, out)
+    cast(x, y, np.array([yaw + side, yaw - side]), walls, discs, RANGE_FINDER.range_m, out)
     noisy = np.round(out + RANGE_FINDER.noise_m * rng.standard_normal(2), 3)
     return np.where(out >= RANGE_FINDER.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
 

@@ -15,10 +15,12 @@ from pfcli.formats.map_yaml import GridMap
 
 
 class World(NamedTuple):
-    """walls: (s, 4) segments x1, y1, x2, y2 (m); route: (k, 2) way points (m), NaN where the robot is carried to the next."""
+    """walls: (s, 4) segments x1, y1, x2, y2 (m); route: (k, 2) way points (m), NaN where the robot is carried to the next;
+    unmapped: (u, 4) segments that stand there, but in no map."""
 
     walls: NDArray[np.float64]
     route: NDArray[np.float64]
+    unmapped: NDArray[np.float64] = np.empty((0, 4))
 
 
 class _Plan:
@@ -228,6 +230,48 @@ def four_rooms(seed: int, same: bool) -> World:
     return plan.world([*route, (east, middle), (west, middle), (west, 3.0)])
 
 
+def carried(world: World, seed: int, times: int, way_m: float = 36.0) -> World:
+    """The same plan, driven in pieces of `way_m`: after each the robot is carried to another place of the route."""
+    rng = np.random.default_rng(seed)
+    route, path = world.route, [_ALOFT]
+    for _ in range(times + 1):
+        at = int(rng.integers(len(route) - 1))
+        while len(path) > 1 and np.hypot(*(route[at] - path[-2])) < 5.0:
+            at = int(rng.integers(len(route) - 1))
+        driven = 0.0
+        path.append(tuple(route[at]))
+        while driven < way_m:
+            step, at = (1, at) if at < len(route) - 1 else (-len(route) + 1, at)
+            driven += float(np.hypot(*(route[at + step] - route[at])))
+            at += step
+            path.append(tuple(route[at]))
+        path.append(_ALOFT)
+    return world._replace(route=np.array(path[1:-1], float))
+
+
+def cluttered(world: World, seed: int, boxes_per_10m: float) -> World:
+    """The same plan with boxes and parked cars beside the route that no map shows."""
+    rng = np.random.default_rng(seed)
+    route = world.route[np.isfinite(world.route[:, 0])]
+    plan = _Plan(rng)
+    for a, b in itertools.pairwise(route):
+        length = float(np.hypot(*(b - a)))
+        for _ in range(rng.poisson(boxes_per_10m * length / 10.0)):
+            along, half = (b - a) / max(length, 1e-9), rng.uniform(0.1, 0.35, 2)
+            side = rng.choice([-1.0, 1.0]) * (0.55 + half.max() * 1.42 + rng.uniform(0.0, 1.0))
+            x, y = a + rng.random() * (b - a) + side * np.array([-along[1], along[0]])
+            if _clearance(route, x, y) > 0.45 + half.max() * 1.42:
+                plan.box(float(x), float(y), float(half[0]), float(half[1]), float(rng.uniform(0, np.pi)))
+    return world._replace(unmapped=np.round(np.array(plan.segments).reshape(-1, 4), 3))
+
+
+def _clearance(route: NDArray[np.float64], x: float, y: float) -> float:
+    """Distance of a point from the route."""
+    a, d = route[:-1], np.diff(route, axis=0)
+    t = np.clip(((x - a[:, 0]) * d[:, 0] + (y - a[:, 1]) * d[:, 1]) / np.maximum((d**2).sum(axis=1), 1e-9), 0, 1)
+    return float(np.hypot(a[:, 0] + t * d[:, 0] - x, a[:, 1] + t * d[:, 1] - y).min())
+
+
 WORLDS: dict[str, Callable[[int], World]] = {
     "office": lambda seed: office(seed),
     "paper-40x25": lambda seed: office(seed),
@@ -236,6 +280,10 @@ WORLDS: dict[str, Callable[[int], World]] = {
     "loop-2km": lambda seed: ring(600.0, 400.0, 3.0, 5.0, seed, laps=1),
     "small-loop": lambda seed: ring(12.0, 9.0, 2.0, 4.0, seed, laps=2),
     **{f"partial-{name}": functools.partial(partial, route=name) for name in _ROUTES},
+    "office-carried": lambda seed: carried(office(1), seed, 18),
+    "office-boxes-few": lambda seed: cluttered(office(1), seed, 3.0),
+    "office-boxes-some": lambda seed: cluttered(office(1), seed, 9.0),
+    "office-boxes-many": lambda seed: cluttered(office(1), seed, 30.0),
     "four-rooms": lambda seed: four_rooms(seed, same=False),
     "four-rooms-same": lambda seed: four_rooms(seed, same=True),
     "partial-symmetric": lambda seed: symmetric(seed),

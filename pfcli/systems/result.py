@@ -1,5 +1,7 @@
 """What every system hands over at the end of a run."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,9 +30,12 @@ class Frame(NamedTuple):
 
 
 class Result(NamedTuple):
-    """track; grid: the map that was built or localised in; frames; summary: scalars for run.json."""
+    """track; grid: the map that was built or localised in; frames; summary: scalars for run.json; layers: more maps by
+    name; tables: more tables by name, columns of equal length."""
 
     track: Track
     grid: GridMap | None
     frames: list[Frame]
     summary: dict[str, Any]
+    layers: Mapping[str, GridMap] = MappingProxyType({})
+    tables: Mapping[str, dict[str, Any]] = MappingProxyType({})

@@ -12,11 +12,16 @@ from pfcli.params import build, fields, to_toml
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
-MAPS = {"localize-partial": SAMPLES / "partial-partial.yaml", "localize-lookup": SAMPLES / "four-rooms.yaml"}
+MAPS = {
+    "localize-partial": SAMPLES / "partial-partial.yaml",
+    "localize-lookup": SAMPLES / "four-rooms.yaml",
+    "localize-reliable": SAMPLES / "kidnapped.yaml",
+}
 WHEELS = ["--wheel-radius-m", "0.1", "--track-width-m", "0.33"]
 RUNS = {
     "slam-gdr": ("small-loop", ["--end", "50", "--particles", "6", "--resample-threshold", "0.9"]),
     "localize-lookup": ("four-rooms", ["--end", "25", "--map", str(MAPS["localize-lookup"]), *WHEELS]),
+    "localize-reliable": ("kidnapped", ["--end", "30", "--map", str(MAPS["localize-reliable"])]),
     "localize-partial": ("partial", ["--end", "25", "--particles", "3000", "--map", str(MAPS["localize-partial"])]),
 }
 FILES = (

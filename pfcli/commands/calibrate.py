@@ -1,0 +1,62 @@
+"""`pfcli calibrate MAP LOG`."""
+
+from pathlib import Path
+
+import click
+
+from pfcli.errors import LogError, UsageError
+
+
+@click.command()
+@click.argument("map_file", metavar="MAP", type=click.Path(path_type=Path))
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Where the classifier goes (.json).")
+@click.option("--poses", type=click.IntRange(50, 1_000_000), default=5000, show_default=True, help="Simulated scans.")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True)
+@click.option("--params", "params_file", type=click.Path(path_type=Path), help="Parameters of localize-reliable.")
+@click.option("--topic", multiple=True, metavar="ROLE=TOPIC", help="Which topic plays a role, such as scan=/front.")
+@click.option("--force", is_flag=True, help="Replace OUT.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+def calibrate(
+    map_file: Path,
+    log: Path,
+    out: Path,
+    poses: int,
+    seed: int,
+    params_file: Path | None,
+    topic: tuple[str, ...],
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Learn from MAP, by simulation, what scans of LOG's scanner look like where localisation succeeds and where it fails.
+
+    localize-reliable learns so at every start from fewer poses; a file saves that time and fixes the decision.
+
+    Example: pfcli calibrate map.yaml log.mcap --out classifier.json
+    """
+    if out.exists() and not force:
+        raise UsageError(f"{out}: exists; say --force to replace it")
+    from pfcli import align, registry, run
+    from pfcli.commands.show import emit
+    from pfcli.formats.messages import ROLES
+    from pfcli.options import build_params, pairs
+    from pfcli.replay import Log, Settings
+    from pfcli.rng import Purpose, rng_for
+    from pfcli.systems.localize_reliable import decision, filter
+
+    params = build_params(registry.params_class("localize-reliable"), {}, params_file)
+    settings = Settings(topics=pairs(topic, "--topic", tuple(ROLES)))
+    opened = Log(log, settings)
+    if opened.choose("scan") is None:
+        raise UsageError(f"{log}: has no laser scans; map a topic with --topic scan=TOPIC")
+    first = next(iter(align.bare(opened.events(["scan"]))), None)
+    if first is None:
+        raise LogError(f"{log}: holds no scan that can be read")
+    assets = filter.load(params, run.Job(registry.system("localize-reliable"), params, [log], map=map_file))
+    view = filter.view_of(first, params)
+    model = filter.model_of(params, view.range_m)
+    rng = rng_for(seed, Purpose.CALIBRATE, 0)
+    found = decision.learn(assets.rays, assets.free_xy, assets.field, model, view, rng, poses)
+    decision.save(out, found, assets.digest)
+    values = {"out": str(out), "accuracy": round(found.accuracy, 4), "poses": poses, "sensor": list(found.sensor)}
+    emit(values, [f"{out}: tells success from failure in {found.accuracy:.1%} of held-out scans"], as_json)

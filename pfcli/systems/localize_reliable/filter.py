@@ -1,0 +1,445 @@
+"""Reliable Monte Carlo localisation: pose, beam classes and success together. Akai 2023 (akai2023reliable).
+
+One update, in the paper's order (section 5): particles and reliabilities are predicted, global samples are drawn, both
+sets are weighed by the class-conditional measurement model and the decision model, the pose, the classes of the beams and
+the reliability are estimated, and the particles are resampled from the union.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import estimate, particles
+from pfcli.core.geometry import between
+from pfcli.core.grid.free_space import Features, features_of
+from pfcli.core.grid.region import region_of
+from pfcli.core.grid.scan_points import points_of
+from pfcli.core.motion.odometry import Noise, predict, standard_deviations
+from pfcli.core.resample import systematic
+from pfcli.core.sensor import class_conditional, range_beams
+from pfcli.core.sensor.class_conditional import Field, Fit, Model, Scan
+from pfcli.core.sensor.range_beams import Rays
+from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.errors import LogError, UsageError
+from pfcli.events import Sweep
+from pfcli.formats import map_yaml
+from pfcli.formats.map_yaml import GridMap
+from pfcli.initial import Initial
+from pfcli.registry import System
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.localize_reliable import decision, sampler
+from pfcli.systems.localize_reliable.decision import Classifier, View
+from pfcli.systems.localize_reliable.params import Params
+from pfcli.systems.localize_reliable.protection import protection_level_m
+from pfcli.systems.localize_reliable.records import Records
+from pfcli.systems.localize_reliable.residuals import misaligned_share
+from pfcli.systems.result import Result
+from pfcli.systems.start_cells import start_cells
+from pfcli.systems.track import TrackKeeper
+
+_MODE_M, _MODE_RAD = 0.75, 0.5
+_START_STAGES = ((0.4, 0.2, 0.08), (0.2, 0.1, 0.04), (0.1, 0.04, 0.02))
+_HIT_SIGMAS = 3.0
+_UNSURE = 4
+"""So many times more particles are kept while no hypothesis holds nine tenths of the mass."""
+
+
+class Info(NamedTuple):
+    """One update, as a row of `metrics.parquet`; mae_m, hits, through, unknown_share, misaligned: of the scan at the
+    estimate;
+    gl_*: global samples drawn, their matches of key points, and their share of the mass."""
+
+    t_ns: int
+    p_success: float
+    protection_m: float
+    mae_m: float
+    hits: float
+    through: float
+    unknown_share: float
+    misaligned: float
+    mode_share: float
+    sd_m: float
+    n_eff: float
+    gl_drawn: int
+    gl_matches: int
+    gl_mass: float
+    log_evidence: float
+    resampled: bool
+    way_m: float
+    beams: int
+
+
+class Assets(NamedTuple):
+    """The map in all forms: field of distances, free-space features, rays; where to start; digest of the map."""
+
+    grid: GridMap
+    field: Field
+    features: Features
+    rays: Rays
+    start_xy: NDArray[np.float64]
+    free_xy: NDArray[np.float64]
+    initial: Initial
+    digest: str
+
+
+class State(NamedTuple):
+    """pose (n, 3), log weight (n,) and p(success) (n,) of each particle; believed (n,): of the
+    hypothesis that was reported last; odometry (1, 3) of the last update; key scans;
+    stamp of the last global sampling; what was learnt of the map; what the end of the run needs."""
+
+    pose: NDArray[np.float64]
+    log_w: NDArray[np.float64]
+    reliability: NDArray[np.float64]
+    believed: NDArray[np.bool_]
+    odometry: NDArray[np.float64]
+    way_m: float
+    history: list[sampler.KeyScan]
+    sampled_ns: int
+    classifier: Classifier | None
+    track: TrackKeeper
+    frames: FrameKeeper
+    records: Records
+
+
+def load(params: Params, job: Any) -> Assets:
+    """Read the map. Raises LogError where nobody could stand in it, UsageError for a start outside."""
+    grid = map_yaml.read(job.map)
+    region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
+    if region.free_xy.size == 0:
+        raise LogError(f"{job.map}: has no free cells")
+    if not (grid.cells == 1).any():
+        raise LogError(f"{job.map}: has no occupied cells, so no scan can be compared with it")
+    if job.initial.kind == "outside":
+        raise UsageError("--initial outside: localize-reliable knows no outside; localize-partial does")
+    field = class_conditional.build(grid.cells, grid.resolution_m, grid.origin)
+    flat = grid._replace(origin=grid.origin._replace(yaw_rad=0.0))
+    features = features_of(flat.cells != 0, flat.cells == 0, flat.resolution_m, flat.origin[:2])
+    rays = range_beams.rays_of(grid.cells, grid.resolution_m, grid.origin, 30.0)
+    cells = start_cells(region, job.initial, job.map)
+    return Assets(grid, field, _turned(features, grid), rays, cells, region.free_xy, job.initial, map_yaml.digest(grid))
+
+
+def _turned(features: Features, grid: GridMap) -> Features:
+    """Features of a map whose grid is turned against its frame: places and gradient directions turn with it."""
+    x, y, yaw = grid.origin
+    if yaw == 0.0 or features.kind.size == 0:
+        return features
+    c, s = np.cos(yaw), np.sin(yaw)
+    away = features.xy_m - [x, y]
+    bins = features.slopes.shape[1]
+    slopes = np.roll(features.slopes, round(yaw / (2 * np.pi) * bins), axis=1)
+    return features._replace(xy_m=away @ np.array([[c, s], [-s, c]]) + [x, y], slopes=slopes)
+
+
+def model_of(params: Params, range_m: float) -> Model:
+    """The measurement model for a scanner of this range."""
+    return Model(
+        params.sigma_hit_m,
+        params.z_hit,
+        params.z_rand,
+        params.known_prior,
+        params.unknown_rate_per_m,
+        range_m,
+        params.mae_top_m,
+        _HIT_SIGMAS * params.sigma_hit_m,
+    )
+
+
+def _gain(params: Params, scan: Scan) -> float:
+    return min(1.0, params.independent_beams / max(1, scan.range_m.size))
+
+
+def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
+    """Nothing is known before the first usable scan."""
+    odometry = np.array([first.odometry], np.float64)
+    records = Records(assets.grid, params.beams_table)
+    nothing = np.empty(0)
+    return State(
+        np.empty((0, 3)),
+        nothing,
+        nothing,
+        np.empty(0, np.bool_),
+        odometry,
+        0.0,
+        [],
+        -(1 << 62),
+        None,
+        TrackKeeper(),
+        FrameKeeper(),
+        records,
+    )
+
+
+def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
+    """Every scan is recorded; one that has moved far enough updates the filter."""
+    state.track.see(sweep)
+    now = np.array([sweep.odometry], np.float64)
+    moved = between(state.odometry, now)[0]
+    first = state.pose.shape[0] == 0
+    way = float(np.hypot(moved[0], moved[1]))
+    if not (first or way >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad):
+        return state, None
+    scan, points = _scan(sweep, params)
+    if scan.range_m.size == 0:
+        return state, None
+    model = model_of(params, _reach(sweep, params))
+    if first:
+        state = _begin(state, scan, sweep, model, assets, params, draw)
+    else:
+        state = _predict(state, moved, sweep.stamp_ns, params, draw)
+    state = state._replace(odometry=now, way_m=state.way_m + way)
+    key = sampler.KeyScan(now, scan.sensor, points)
+    sampler.remember(state.history, key, params.gl_steps + 1)
+    state, drawn, matches = _weigh(state, scan, key, sweep.stamp_ns, model, assets, params, draw)
+    return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, moved))
+
+
+def _reach(sweep: Sweep, params: Params) -> float:
+    return float(min(params.max_range_m or sweep.scan.range_max_m, 100.0))
+
+
+def _scan(sweep: Sweep, params: Params) -> tuple[Scan, NDArray[np.float64]]:
+    """The beams for the filter, and all end points (b, 2) for the global localiser."""
+    scan = sweep.scan
+    angles = (scan.angle_min_rad, scan.angle_increment_rad)
+    limits = (scan.range_min_m, params.max_range_m or scan.range_max_m)
+    points = points_of(scan.ranges_m, angles, limits, scan.mount, 1, 0.0, 1.0).ends
+    sensor = np.array(scan.mount[:2], np.float64)
+    chosen = points[:: max(1, -(-points.shape[0] // params.beams))]
+    return class_conditional.scan_of(chosen, sensor), points
+
+
+def _begin(state: State, scan: Scan, sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> State:
+    """Particles as `--initial` says, gathered where the first scan fits; the decision model, learnt or read."""
+    rng = draw(Purpose.INIT, sweep.stamp_ns)
+    initial = assets.initial
+    if initial.kind == "pose":
+        pose = particles.gaussian(np.array(initial.pose), np.array(initial.sd), params.particles, rng)
+    else:
+        half = assets.grid.resolution_m / 2
+        pose = particles.uniform(assets.start_xy, half, params.start_particles, rng, initial.heading)
+        before, gain = np.zeros(pose.shape[0]), _gain(params, scan)
+        for sigma_m, jitter_m, jitter_rad in _START_STAGES:
+            wide = model._replace(sigma_m=sigma_m)
+            log = gain * class_conditional.fit(pose, scan, assets.field, wide).log_likelihood
+            weights, _ = normalize(log - before)
+            pose = pose[systematic.choose(weights, rng.random(), min(_UNSURE * params.particles, pose.shape[0]))]
+            pose = pose + np.array([jitter_m, jitter_m, jitter_rad]) * rng.standard_normal(pose.shape)
+            before = gain * class_conditional.fit(pose, scan, assets.field, wide).log_likelihood
+    n = pose.shape[0]
+    found = _classifier(sweep, model, assets, params, draw) if params.estimate_reliability else None
+    return state._replace(
+        pose=pose,
+        log_w=np.full(n, -np.log(n)),
+        reliability=np.full(n, 0.5),
+        believed=np.ones(n, np.bool_),
+        classifier=found,
+    )
+
+
+def view_of(sweep: Sweep, params: Params) -> View:
+    """The sensor as the decision model sees it."""
+    scan = sweep.scan
+    stride = max(1, -(-scan.ranges_m.size // params.beams))
+    angles = scan.angle_min_rad + scan.angle_increment_rad * np.arange(0, scan.ranges_m.size, stride)
+    return View(np.array(scan.mount, np.float64), np.asarray(angles, np.float64), _reach(sweep, params))
+
+
+def _classifier(sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> Classifier:
+    view = view_of(sweep, params)
+    if params.classifier:
+        return decision.load(Path(params.classifier), assets.digest, view)
+    rng = draw(Purpose.CALIBRATE, sweep.stamp_ns)
+    return decision.learn(assets.rays, assets.free_xy, assets.field, model, view, rng)
+
+
+def _predict(state: State, moved: NDArray[np.float64], stamp_ns: int, params: Params, draw: Draw) -> State:
+    """Motion of the particles, decay of their reliabilities; failure never becomes success by moving."""
+    noise = Noise(
+        params.motion_xy_per_m,
+        params.motion_xy_per_rad_m,
+        params.motion_xy_m,
+        params.motion_yaw_per_rad,
+        params.motion_yaw_per_m_rad,
+        params.motion_yaw_rad,
+    )
+    z = draw(Purpose.MOTION, stamp_ns).standard_normal(state.pose.shape)
+    pose = predict(state.pose, moved, standard_deviations(moved, noise), z)
+    d2, a2 = moved[0] ** 2 + moved[1] ** 2, moved[2] ** 2
+    left = max(0.0, 1.0 - params.decay_per_m2 * d2 - params.decay_per_rad2 * a2)
+    return state._replace(pose=pose, reliability=state.reliability * left)
+
+
+def _judge(
+    fit: Fit, reliability: NDArray[np.float64], gain: float, found: Classifier | None, params: Params
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) log p(z, d | x) up to a constant, and p(success) after the scan. Akai 2023, eqs (2) and (4)."""
+    if found is None:
+        return gain * fit.log_likelihood, reliability
+    ratio = np.exp(params.decision_gain * decision.log_ratio(fit, found))
+    both = reliability * ratio + (1.0 - reliability)
+    top = params.reliability_top
+    return gain * fit.log_likelihood + np.log(both), np.clip(reliability * ratio / both, 1.0 - top, top)
+
+
+def _weigh(
+    state: State,
+    scan: Scan,
+    key: sampler.KeyScan,
+    stamp_ns: int,
+    model: Model,
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[State, int, int]:
+    """The scan weighs the particles, and the global samples beside them where these are due."""
+    gain = _gain(params, scan)
+    fit = class_conditional.fit(state.pose, scan, assets.field, model)
+    log, reliability = _judge(fit, state.reliability, gain, state.classifier, params)
+    log_w = state.log_w + log - np.where(state.believed, 0.0, params.rival_cost)
+    due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
+    sure = float(np.exp(state.log_w) @ state.reliability) if state.log_w.size else 0.0
+    if not due or (params.gl_gate and sure >= 0.5):
+        return state._replace(log_w=log_w, reliability=reliability), 0, 0
+    found, matches = sampler.sample(
+        state.history,
+        key,
+        scan,
+        assets.features,
+        assets.free_xy,
+        assets.field,
+        model,
+        gain,
+        params.gl_samples,
+        draw(Purpose.INJECT, stamp_ns),
+    )
+    prior = np.exp(state.log_w)
+    area = assets.free_xy.shape[0] * assets.grid.resolution_m**2
+    importance = sampler.log_importance(found, state.pose, prior, params.gl_uniform, area)
+    fit = class_conditional.fit(found, scan, assets.field, model)
+    log, fresh = _judge(fit, np.full(found.shape[0], 0.5), gain, state.classifier, params)
+    joined = np.concatenate([log_w, importance - np.log(found.shape[0]) + log])
+    state = state._replace(
+        pose=np.concatenate([state.pose, found]),
+        log_w=joined,
+        reliability=np.concatenate([reliability, fresh]),
+        believed=np.concatenate([state.believed, np.zeros(found.shape[0], np.bool_)]),
+        sampled_ns=stamp_ns,
+    )
+    return state, found.shape[0], matches
+
+
+def _conclude(
+    state: State,
+    sweep: Sweep,
+    scan: Scan,
+    model: Model,
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+    done: tuple[int, int, NDArray[np.float64]],
+) -> tuple[State, Info]:
+    """Estimate pose, classes and success, record, resample from the union. done: samples drawn, matches, the step."""
+    drawn, matches, moved = done
+    weights, log_evidence = normalize(state.log_w)
+    found = estimate.densest(state.pose, weights, _MODE_M, _MODE_RAD)
+    inside = estimate.members(state.pose, found.pose, _MODE_M, _MODE_RAD)
+    p_success = float(weights[inside] @ state.reliability[inside])
+    fit = class_conditional.fit(found.pose[None], scan, assets.field, model)
+    p_unknown, away, _ = class_conditional.classes(found.pose, scan, assets.field, model)
+    unknown = p_unknown >= params.unknown_threshold
+    state.track.update(found.pose, found.cov)
+    protection = protection_level_m(found.cov, p_success, assets.grid)
+    state.records.add(sweep.stamp_ns, found.pose, p_success, protection, p_unknown, scan.ends[:, unknown], moved)
+    n_eff = float(effective_sample_size(weights))
+    labels = np.where(state.reliability >= 0.5, 1, 0).astype(np.uint8)
+    state.frames.offer(sweep.stamp_ns, found.pose, state.pose, scan.ends.T, labels)
+    wanted = params.particles if found.mass >= 0.9 else _UNSURE * params.particles
+    count = int(inside.sum())
+    resample = drawn > 0 or count > 2 * wanted or n_eff < params.resample_threshold * count
+    info = Info(
+        t_ns=sweep.stamp_ns,
+        p_success=p_success,
+        protection_m=protection,
+        mae_m=float(fit.mae_m[0]),
+        hits=float(fit.hits[0]),
+        through=float(fit.through[0]),
+        unknown_share=float(unknown.mean()),
+        misaligned=misaligned_share(away, params.sigma_hit_m),
+        mode_share=found.mass,
+        sd_m=float(np.sqrt(found.cov[0, 0] + found.cov[1, 1])),
+        n_eff=n_eff,
+        gl_drawn=drawn,
+        gl_matches=matches,
+        gl_mass=float(weights[weights.size - drawn :].sum()) if drawn else 0.0,
+        log_evidence=log_evidence,
+        resampled=bool(resample),
+        way_m=state.way_m,
+        beams=scan.range_m.size,
+    )
+    if p_success < 0.5 and len(state.history) > 1:
+        del state.history[:-1]  # if the robot was carried, earlier scans are joined to the newest one wrongly
+    if not resample:
+        return state._replace(log_w=np.log(np.maximum(weights, 1e-300)), believed=np.asarray(inside)), info
+    u = draw(Purpose.RESAMPLE, sweep.stamp_ns).random(2)
+    return _resample(state, weights, inside, wanted, params.rivals, u), info
+
+
+def _resample(
+    state: State,
+    weights: NDArray[np.float64],
+    inside: NDArray[np.bool_],
+    wanted: int,
+    rivals: int,
+    u: NDArray[np.float64],
+) -> State:
+    """The hypothesis that is believed and its rivals, each on its own: a rival keeps its weight, however small, so that
+    the evidence for it adds up from scan to scan instead of being resampled away."""
+    chosen, log_w, believed = [], [], []
+    for k, (members, most) in enumerate(((inside, wanted), (~inside, rivals))):
+        index = np.flatnonzero(members)
+        mass = float(weights[index].sum())
+        if most == 0 or mass <= 1e-300:
+            continue
+        chosen.append(index[systematic.choose(weights[index], u[k], most)])
+        log_w.append(np.full(most, np.log(mass / most)))
+        believed.append(np.full(most, k == 0))
+    index = np.concatenate(chosen)
+    joined = np.concatenate(log_w)
+    joined -= normalize(joined)[1]
+    pose, reliability = state.pose[index], state.reliability[index]
+    return state._replace(pose=pose, log_w=joined, reliability=reliability, believed=np.concatenate(believed))
+
+
+def finish(state: State, assets: Assets, params: Params) -> Result:
+    """Track with p(success) and protection level, recoveries, and what the map lacks."""
+    records = state.records
+    track = state.track.track(records.columns())
+    learnt = state.classifier
+    summary = {
+        "updates": records.count,
+        "recoveries": records.recoveries(),
+        "p_success_at_end": round(records.p_success[-1], 4),
+        "key_points": int(assets.features.kind.size),
+        "decision_accuracy": round(learnt.accuracy, 4) if learnt else None,
+    }
+    if params.use_gl and assets.features.kind.size == 0:
+        summary["note"] = "the map has no key point: global samples were drawn uniformly"
+    layers = {"unknown_obstacles": records.layer()}
+    tables = {"beams": records.beams()} if params.beams_table else {}
+    return Result(track, assets.grid, state.frames.frames(), summary, layers, tables)
+
+
+SYSTEM = System(
+    name="localize-reliable",
+    params=Params,
+    info=Info,
+    needs=(frozenset({"motion", "scan"}),),
+    load=load,
+    init=init,
+    step=step,
+    finish=finish,
+)

@@ -1,0 +1,68 @@
+"""Parameters of `localize-reliable`."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pfcli.params import Opt
+
+
+@dataclass(frozen=True, kw_only=True)
+class Params:
+    """Defaults hold for indoor robots with a laser of 4 m range or more."""
+
+    particles: Annotated[int, Opt("particles of the pose tracker", "", 1, 1_000_000)] = 500
+    start_particles: Annotated[int, Opt("particles at an unknown start", "", 1, 2_000_000)] = 20_000
+    update_distance_m: Annotated[float, Opt("a scan updates the filter after this way", "m", 0, 100)] = 0.1
+    update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.1
+    beams: Annotated[int, Opt("beams of a scan that are used", "", 1, 100_000)] = 60
+    max_range_m: Annotated[float, Opt("use beams up to this range; 0 takes the messages' range_max", "m", 0, 1000)] = (
+        0.0
+    )
+    sigma_hit_m: Annotated[float, Opt("spread of end points around mapped surfaces", "m", 1e-3, 10)] = 0.05
+    z_hit: Annotated[float, Opt("share of hits among beams on known obstacles", "", 0.01, 1)] = 0.98
+    z_rand: Annotated[float, Opt("share of readings of anything among them", "", 1e-6, 1)] = 0.02
+    known_prior: Annotated[float, Opt("a beam hits a known obstacle with this probability", "", 0.01, 0.99)] = 0.5
+    unknown_rate_per_m: Annotated[float, Opt("unknown obstacles: rate of their exponential", "1/m", 1e-4, 10)] = 0.2
+    unknown_threshold: Annotated[float, Opt("a beam is called unknown above this posterior", "", 0, 1)] = 0.5
+    independent_beams: Annotated[float, Opt("how many independent beams a scan is worth", "", 0.1, 1e4)] = 12.0
+    mae_top_m: Annotated[float, Opt("residuals count up to this", "m", 0.01, 100)] = 1.0
+    estimate_reliability: Annotated[bool, Opt("estimate p(success) and let it weigh the particles")] = True
+    classifier: Annotated[
+        str, Opt("decision model from `pfcli calibrate`; empty: learnt from the map at the start")
+    ] = ""
+    decision_gain: Annotated[float, Opt("how many independent decisions one scan is worth", "", 0, 10)] = 1.0
+    reliability_top: Annotated[float, Opt("p(success) stays within 1 - this and this", "", 0.5, 0.9999999)] = 0.999
+    decay_per_m2: Annotated[float, Opt("reliability lost by driving, squared metres", "1/m^2", 0, 100)] = 0.005
+    decay_per_rad2: Annotated[float, Opt("reliability lost by turning, squared radians", "1/rad^2", 0, 100)] = 0.005
+    use_gl: Annotated[bool, Opt("fuse global samples by importance sampling")] = True
+    gl_gate: Annotated[bool, Opt("draw them only while p(success) < 0.5")] = False
+    gl_period: Annotated[float, Opt("log time between two global samplings", "s", 0, 1e6)] = 1.0
+    gl_steps: Annotated[int, Opt("earlier key scans joined to the newest one for it (N)", "", 0, 100)] = 5
+    gl_samples: Annotated[int, Opt("global samples", "", 1, 100_000)] = 200
+    gl_uniform: Annotated[float, Opt("share of the prediction that may be anywhere in the map", "", 1e-12, 0.5)] = 1e-8
+    rivals: Annotated[
+        int,
+        Opt(
+            "particles of hypotheses that are not believed: they keep their weight, so that evidence adds up",
+            "",
+            0,
+            100_000,
+        ),
+    ] = 200
+    rival_cost: Annotated[
+        float,
+        Opt(
+            "log evidence that a rival must be better by, scan after scan: a cluttered view fits elsewhere too",
+            "",
+            0,
+            100,
+        ),
+    ] = 3.0
+    resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share", "", 0, 1)] = 0.5
+    beams_table: Annotated[bool, Opt("keep p(unknown) of every beam in beams.parquet")] = False
+    motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.1
+    motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
+    motion_xy_m: Annotated[float, Opt("odometry: position error of any step", "m", 0, 10)] = 0.005
+    motion_yaw_per_rad: Annotated[float, Opt("odometry: heading error per turn", "rad/rad", 0, 10)] = 0.1
+    motion_yaw_per_m_rad: Annotated[float, Opt("odometry: heading error per way", "rad/m", 0, 10)] = 0.05
+    motion_yaw_rad: Annotated[float, Opt("odometry: heading error of any step", "rad", 0, 10)] = 0.003

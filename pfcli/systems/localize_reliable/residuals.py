@@ -1,0 +1,54 @@
+"""Whether residuals look like a misalignment: three classes along the scan. After Akai's misalignment recognition.
+
+Neighbouring beams hit the same thing, so their classes form a chain: aligned (half normal around the surface),
+misaligned (exponential) or unknown (uniform). Posteriors by forward-backward.
+"""
+
+import numpy as np
+
+from pfcli.core.jit import kernel
+
+_STAY = ((0.8, 0.0, 0.2), (0.0, 0.8, 0.2), (1 / 3, 1 / 3, 1 / 3))
+_RATE_PER_M, _TOP_M = 2.0, 5.0
+
+
+@kernel
+def _posteriors(density, stay):  # type: ignore[no-untyped-def]
+    n = density.shape[0]
+    forward, backward = np.empty((n, 3)), np.ones((n, 3))
+    for k in range(n):
+        for j in range(3):
+            total = 1.0 / 3 if k == 0 else 0.0
+            if k > 0:
+                for i in range(3):
+                    total += forward[k - 1, i] * stay[i, j]
+            forward[k, j] = total * density[k, j]
+        forward[k] /= forward[k].sum()
+    for k in range(n - 2, -1, -1):
+        for i in range(3):
+            total = 0.0
+            for j in range(3):
+                total += stay[i, j] * density[k + 1, j] * backward[k + 1, j]
+            backward[k, i] = total
+        backward[k] /= backward[k].sum()
+    out = forward * backward
+    for k in range(n):
+        out[k] /= out[k].sum()
+    return out
+
+
+@kernel
+def _densities(away, sigma, rate, top):  # type: ignore[no-untyped-def]
+    out = np.empty((away.size, 3))
+    for k in range(away.size):
+        d = min(away[k], top)
+        out[k, 0] = 2.0 / (sigma * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * (d / sigma) ** 2) + 1e-6
+        out[k, 1] = rate * np.exp(-rate * d) + 1e-6
+        out[k, 2] = 1.0 / top
+    return out
+
+
+def misaligned_share(away_m: np.ndarray, sigma_m: float) -> float:
+    """Mean posterior of `misaligned` over the beams of a scan. away_m: (b,) distances of end points from surfaces."""
+    density = _densities(away_m, 2.0 * sigma_m, _RATE_PER_M, _TOP_M)
+    return float(_posteriors(density, np.array(_STAY))[:, 1].mean())

@@ -1,0 +1,115 @@
+"""The global localiser: poses from free-space features of the last scans, and how they join the tracker's particles.
+
+Akai 2023, section 4: samples of p(x | u, z, m) over the last N + 1 scans, weighted by the tracker's prediction, eq. (R).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.geometry import between, compose
+from pfcli.core.grid import free_space
+from pfcli.core.grid.free_space import Features
+from pfcli.core.jit import kernel
+from pfcli.core.resample import systematic
+from pfcli.core.sensor import class_conditional
+from pfcli.core.sensor.class_conditional import Field, Model, Scan
+from pfcli.core.weights import normalize
+
+_CANDIDATES, _CELL_M, _HALF_M, _NEAR_M = 4000, 0.05, 6.0, 8.0
+_KEY_M, _KEY_RAD = 0.3, 0.5
+_STAGES = ((0.2, 0.1, 0.05), (0.1, 0.04, 0.02))
+"""Spread of hits (m) of each narrowing, and the jitter after it (m, rad)."""
+_KERNEL_M, _KERNEL_RAD = 0.1, 0.05
+
+
+class KeyScan(NamedTuple):
+    """odometry (1, 3) where it was taken; sensor (2,) and end points (b, 2) in the base frame (m)."""
+
+    odometry: NDArray[np.float64]
+    sensor: NDArray[np.float64]
+    ends: NDArray[np.float64]
+
+
+def remember(history: list[KeyScan], scan: KeyScan, most: int) -> None:
+    """Keep a scan that is far enough from the last one; at most `most`, in place."""
+    if history:
+        moved = between(history[-1].odometry, scan.odometry)[0]
+        if np.hypot(moved[0], moved[1]) < _KEY_M and abs(moved[2]) < _KEY_RAD:
+            return
+    history.append(scan)
+    del history[: max(0, len(history) - most)]
+
+
+def sample(
+    history: list[KeyScan],
+    now: KeyScan,
+    scan: Scan,
+    known: Features,
+    free_xy: NDArray[np.float64],
+    field: Field,
+    model: Model,
+    gain: float,
+    wanted: int,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], int]:
+    """(wanted, 3) poses where key points of the last scans lie on those of the map and the scan fits; how many matches
+    there were. Where the map or the scans have no key point, places are drawn uniformly instead."""
+    scans = [*(k for k in history if k is not now), now]
+    moved = [between(now.odometry, k.odometry) for k in scans]
+    joined = [
+        compose(m, np.column_stack([k.ends, np.zeros(len(k.ends))]))[:, :2] for m, k in zip(moved, scans, strict=True)
+    ]
+    origins = np.array([compose(m, np.array([[*k.sensor, 0.0]]))[0, :2] for m, k in zip(moved, scans, strict=True)])
+    seen = free_space.local_features(joined, origins, _CELL_M, _HALF_M)
+    found = free_space.match(seen, known, _CANDIDATES).pose
+    matches = found.shape[0]
+    if matches == 0:
+        xy = free_xy[rng.integers(free_xy.shape[0], size=_CANDIDATES)]
+        found = np.column_stack([xy, rng.uniform(-np.pi, np.pi, _CANDIDATES)])
+    before = np.zeros(found.shape[0])
+    for sigma_m, jitter_m, jitter_rad in _STAGES:
+        wide = model._replace(sigma_m=sigma_m)
+        log = gain * class_conditional.fit(found, scan, field, wide).log_likelihood
+        weights, _ = normalize(log - before)
+        found = found[systematic.choose(weights, rng.random(), wanted)]
+        found = found + np.array([jitter_m, jitter_m, jitter_rad]) * rng.standard_normal(found.shape)
+        before = gain * class_conditional.fit(found, scan, field, wide).log_likelihood
+    return found, matches
+
+
+@kernel
+def density(at, poses, weights, sd_m, sd_rad):  # type: ignore[no-untyped-def]
+    """(m,) kernel density (1 / (m^2 rad)) of weighted poses (n, 3) at poses (m, 3)."""
+    out = np.zeros(at.shape[0])
+    peak = 1.0 / ((2.0 * np.pi) ** 1.5 * sd_m * sd_m * sd_rad)
+    for i in range(at.shape[0]):
+        for j in range(poses.shape[0]):
+            dx, dy = (at[i, 0] - poses[j, 0]) / sd_m, (at[i, 1] - poses[j, 1]) / sd_m
+            square = dx * dx + dy * dy
+            if square > 16.0:
+                continue
+            dt = at[i, 2] - poses[j, 2]
+            dt = (dt - 2 * np.pi * np.floor((dt + np.pi) / (2 * np.pi))) / sd_rad
+            out[i] += weights[j] * peak * np.exp(-0.5 * (square + dt * dt))
+    return out
+
+
+def log_importance(
+    samples: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    uniform: float,
+    area_m2: float,
+) -> NDArray[np.float64]:
+    """(g,) log of prediction over proposal at the global samples: what replaces the motion model in their weight.
+
+    The prediction is a kernel density of the tracker's particles, of which the share `uniform` may be anywhere; the
+    proposal is the samples' own density. Weights of both sets are then on one scale (per sample of each set).
+    """
+    predicted = (1.0 - uniform) * density(samples, poses, weights, _KERNEL_M, _KERNEL_RAD)
+    predicted += uniform / (area_m2 * 2 * np.pi)
+    g = samples.shape[0]
+    proposal = density(samples, samples, np.full(g, 1.0 / g), _KERNEL_M, _KERNEL_RAD)
+    return np.asarray(np.log(predicted) - np.log(proposal))

@@ -1,0 +1,195 @@
+"""Pose, classes and success together; global samples on one scale with the tracker; the defects of the public code."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pfcli.errors import LogError, UsageError
+from pfcli.events import Pose2
+from pfcli.formats import map_yaml
+from pfcli.formats.map_yaml import GridMap
+from pfcli.systems.localize_reliable import decision, sampler
+from pfcli.systems.localize_reliable.decision import Classifier, View
+from pfcli.systems.localize_reliable.protection import protection_level_m
+from pfcli.systems.localize_reliable.records import Records
+from pfcli.systems.localize_reliable.residuals import _posteriors, misaligned_share
+
+Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
+VIEW = View(np.array([0.1, 0.0, 0.0]), np.linspace(-1.5, 1.5, 61), 30.0)
+
+
+def test_the_kernel_density_has_mass_one() -> None:
+    """Defect 3 of the public code: its constant was 2.30 where 63.5 is right."""
+    poses = np.array([[0.0, 0.0, 3.1], [0.2, 0.1, -3.1]])
+    xy, turn = np.arange(-0.6, 0.8, 0.04), np.linspace(-np.pi, np.pi, 180, endpoint=False)
+    at = np.stack(np.meshgrid(xy, xy, turn), axis=-1).reshape(-1, 3)
+    found = sampler.density(at, poses, np.array([0.3, 0.7]), 0.1, 0.1)
+    assert found.sum() * 0.04**2 * 2 * np.pi / 180 == pytest.approx(1.0, abs=2e-3)
+    peak = sampler.density(np.zeros((1, 3)), np.zeros((1, 3)), np.ones(1), 0.1, 0.1)[0]
+    assert peak == pytest.approx((2 * np.pi) ** -1.5 / 0.1**3)
+
+
+def test_global_samples_are_weighed_by_prediction_over_proposal() -> None:
+    """Akai 2023, section 4: drawn from the tracker's own density they weigh as much as its particles."""
+    rng = np.random.default_rng(1)
+    poses = rng.normal(0, [0.3, 0.3, 0.1], (2000, 3))
+    samples = rng.normal(0, [0.3, 0.3, 0.1], (1500, 3))
+    log = sampler.log_importance(samples, poses, np.full(2000, 1 / 2000), 1e-9, 1000.0)
+    assert abs(np.log(np.mean(np.exp(log)))) < 0.1
+    far = sampler.log_importance(samples + np.array([20.0, 0.0, 0.0]), poses, np.full(2000, 1 / 2000), 1e-6, 1000.0)
+    assert far == pytest.approx(np.log(1e-6 / (1000 * 2 * np.pi)) - np.log(_own(samples)), abs=1e-6)
+
+
+def _own(samples: np.ndarray) -> np.ndarray:
+    return np.asarray(sampler.density(samples, samples, np.full(len(samples), 1 / len(samples)), 0.1, 0.05))
+
+
+def test_a_terrible_residual_never_becomes_no_evidence() -> None:
+    """Defect 6 of the public code: beyond both histograms its two densities were equal."""
+    from pfcli.core.sensor.class_conditional import Fit
+
+    found = Classifier(np.array([-2.0, 1.0, -60.0]), 0.5, 0.9, (61.0, 3.0, 30.0))
+    worse = [
+        decision.log_ratio(Fit(np.zeros(1), np.array([mae]), np.array([hits]), np.array([through])), found)[0]
+        for mae, hits, through in ((0.02, 0.95, 0.0), (0.3, 0.5, 0.05), (5.0, 0.0, 1.0), (1e3, 0.0, 1.0))
+    ]
+    assert worse == sorted(worse, reverse=True)
+    assert worse[-1] < -5.0
+
+
+@pytest.fixture(scope="module")
+def learnt() -> tuple[Classifier, str]:
+    from pfcli import registry, run
+    from pfcli.params import build
+    from pfcli.systems.localize_reliable import filter
+
+    system = registry.system("localize-reliable")
+    params = build(system.params, {}, "test")
+    assets = filter.load(params, run.Job(system, params, [], map=SAMPLES / "kidnapped.yaml"))
+    model = filter.model_of(params, 30.0)
+    rng = np.random.default_rng(0)
+    return decision.learn(assets.rays, assets.free_xy, assets.field, model, VIEW, rng, 800), assets.digest
+
+
+def test_the_decision_is_learnt_from_the_map_and_holds_on_poses_that_were_kept_back(
+    learnt: tuple[Classifier, str],
+) -> None:
+    found, _ = learnt
+    assert found.accuracy > 0.8
+    assert found.slope[0] <= 0.0
+    assert found.slope[1] >= 0.0
+    assert found.slope[2] < 0.0
+
+
+def test_a_classifier_survives_its_file_and_no_other_map_or_sensor(
+    learnt: tuple[Classifier, str], tmp_path: Path
+) -> None:
+    found, digest = learnt
+    path = tmp_path / "c.json"
+    decision.save(path, found, digest)
+    again = decision.load(path, digest, VIEW)
+    assert np.array_equal(again.slope, found.slope)
+    with pytest.raises(UsageError, match="another map"):
+        decision.load(path, "x" * 64, VIEW)
+    with pytest.raises(UsageError, match="31 over"):
+        decision.load(path, digest, VIEW._replace(angles=np.linspace(-1, 1, 31)))
+    path.write_text("{}")
+    with pytest.raises(LogError, match="no classifier"):
+        decision.load(path, digest, VIEW)
+
+
+def test_the_chain_over_residuals_equals_the_sum_over_all_class_paths() -> None:
+    import itertools
+
+    stay = np.array([[0.8, 0.0, 0.2], [0.0, 0.8, 0.2], [1 / 3, 1 / 3, 1 / 3]])
+    density = np.random.default_rng(2).uniform(0.1, 2.0, (5, 3))
+    slow = np.zeros((5, 3))
+    for path in itertools.product(range(3), repeat=5):
+        p = density[0, path[0]] / 3
+        for k in range(1, 5):
+            p *= stay[path[k - 1], path[k]] * density[k, path[k]]
+        for k in range(5):
+            slow[k, path[k]] += p
+    assert _posteriors(density, stay) == pytest.approx(slow / slow.sum(axis=1, keepdims=True))
+
+
+def test_a_shifted_scan_looks_misaligned_and_a_matched_one_does_not() -> None:
+    rng = np.random.default_rng(3)
+    assert misaligned_share(np.abs(rng.normal(0, 0.03, 60)), 0.05) < 0.05
+    assert misaligned_share(np.full(60, 0.35), 0.05) > 0.5
+
+
+def test_the_protection_level_holds_for_a_gaussian_and_gives_up_without_reliability() -> None:
+    grid = GridMap(np.zeros((300, 400), np.int8), 0.1, Pose2())
+    cov = np.diag([0.05**2, 0.03**2, 0.01])
+    bound = protection_level_m(cov, 1.0, grid)
+    rng = np.random.default_rng(4)
+    error = np.hypot(*(rng.normal(0, [0.05, 0.03], (200_000, 2)) + rng.normal(0, 0.02, (200_000, 2))).T)
+    assert np.mean(error <= bound) >= 0.99
+    assert bound < 0.25
+    assert protection_level_m(cov, 0.98, grid) == pytest.approx(50.0)
+
+
+def test_recoveries_are_told_by_lost_trust_or_by_a_jump() -> None:
+    records = Records(GridMap(np.zeros((9, 9), np.int8), 1.0, Pose2()), False)
+    nothing, still = np.empty((2, 0), np.float32), np.zeros(3)
+    track = [(0.9, 0.0), (0.9, 0.0), (0.2, 0.0), (0.3, 0.0), (0.8, 4.0), (0.9, 4.0), (0.9, 8.0)]
+    for k, (p, x) in enumerate(track):
+        records.add(k * 10**9, np.array([x, 0.0, 0.0]), p, 0.1, np.zeros(1), nothing, still)
+    first, second = records.recoveries()
+    assert (first["lost_s"], first["after_s"], first["moved_m"]) == (2.0, 2.0, 4.0)
+    assert (second["lost_s"], second["after_s"]) == (5.0, 1.0)
+
+
+def _run(pfcli: Cli, out: Path, *words: object) -> dict[str, object]:
+    log, place = SAMPLES / "kidnapped.mcap", SAMPLES / "kidnapped.yaml"
+    done = pfcli("localize-reliable", log, "--map", place, "--out", out, "--truth", "auto", "--json", *words)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, object] = json.loads(done.stdout)
+    return found
+
+
+def test_a_carried_robot_finds_itself_and_writes_what_it_promises(pfcli: Cli, tmp_path: Path) -> None:
+    found = _run(pfcli, tmp_path / "a", "--beams-table", "--overlay")
+    assert len(found["recoveries"]) >= 2  # type: ignore[arg-type]
+    assert found["truth"]["median_m"] < 0.03  # type: ignore[index]
+    beams = pq.read_table(tmp_path / "a/beams.parquet")
+    assert beams.num_rows == found["updates"]
+    layer, place = (map_yaml.read(f) for f in (tmp_path / "a/unknown_obstacles.yaml", tmp_path / "a/map.yaml"))
+    assert layer.cells.shape == place.cells.shape
+    track = pq.read_table(tmp_path / "a/track.parquet")
+    assert {"p_success", "protection_m"} <= set(track.column_names)
+
+
+def test_without_global_samples_a_carried_robot_knows_that_it_is_lost(pfcli: Cli, tmp_path: Path) -> None:
+    _run(pfcli, tmp_path / "a", "--no-use-gl")
+    track = pq.read_table(tmp_path / "a/track.parquet").to_pydict()
+    error, p = np.array(track["error_m"]), np.array(track["p_success"])
+    assert np.median(p[error > 1.0]) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["--initial", "outside"], "knows no outside"), (["--classifier", "none.json"], "none.json: cannot be read")],
+)
+def test_bad_input_is_one_line(words: list[str], told: str, pfcli: Cli, tmp_path: Path) -> None:
+    log, place = SAMPLES / "kidnapped.mcap", SAMPLES / "kidnapped.yaml"
+    done = pfcli("localize-reliable", log, "--map", place, "--out", tmp_path / "o", *words)
+    assert done.returncode in (1, 2)
+    assert told in done.stderr
+    assert not (tmp_path / "o").exists()
+
+
+def test_calibrate_writes_a_classifier_that_the_system_takes(pfcli: Cli, tmp_path: Path) -> None:
+    log, place, out = SAMPLES / "kidnapped.mcap", SAMPLES / "kidnapped.yaml", tmp_path / "c.json"
+    done = pfcli("calibrate", place, log, "--out", out, "--poses", 400, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["accuracy"] > 0.75
+    assert _run(pfcli, tmp_path / "a", "--classifier", out, "--end", 20)["updates"]
+    assert "exists" in pfcli("calibrate", place, log, "--out", out).stderr
