@@ -25,6 +25,8 @@ _LEAST_M, _LEAST_SHARE = 0.01, 0.01
 _TRACKED = np.array([0.05, 0.05, np.radians(1.5)])
 """What a tracker that succeeds errs by (m, m, rad)."""
 _WRONG = 200
+_MOST_BLOCKED = 0.8
+"""Share of the beams before which unknown obstacles stand in the worst simulated scan."""
 _MOST = 6.0
 
 
@@ -67,7 +69,7 @@ def learn(
     rng: np.random.Generator,
     poses: int = 1500,
 ) -> Classifier:
-    """Simulate scans at random free places, with obstacles that the map lacks before 0 to 60 % of the beams, and compare
+    """Simulate scans at random free places, with obstacles that the map lacks before 0 to 80 % of the beams, and compare
     them with the map from poses that are right, within what a tracker errs by, and from poses that are not: the best of
     many wrong places, where a lost filter settles, or near misses."""
     d_good, d_bad = [], []
@@ -108,7 +110,7 @@ def _scan(true: NDArray[np.float64], rays: Rays, view: View, rng: np.random.Gene
     turn = true[2] + view.mount[2] + view.angles - rays.yaw_rad
     r = cast_many(rays.room, rays.cells, np.repeat(at, turn.size, 0), turn, view.range_m * cells_per_m) / cells_per_m
     r = np.where(r < 0, np.inf, r)
-    blocked = rng.random() * 0.6
+    blocked = rng.random() * _MOST_BLOCKED
     while np.isfinite(blocked) and blocked > 0:
         width = min(blocked, rng.uniform(0.02, 0.15))
         first = int(rng.integers(turn.size))
