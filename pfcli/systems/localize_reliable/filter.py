@@ -299,9 +299,9 @@ def _weigh(
     gain = _gain(params, scan)
     fit = class_conditional.fit(state.pose, scan, assets.field, model)
     log, reliability = _judge(fit, state.reliability, gain, state.classifier, params)
+    sure = float(np.exp(state.log_w) @ state.reliability)
     log_w = state.log_w + log - np.where(state.believed, 0.0, params.rival_cost)
     due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
-    sure = float(np.exp(state.log_w) @ state.reliability) if state.log_w.size else 0.0
     if not due or (params.gl_gate and sure >= 0.5):
         return state._replace(log_w=log_w, reliability=reliability), 0, 0
     found, matches = sampler.sample(

@@ -24,7 +24,7 @@ class Params:
     known_prior: Annotated[float, Opt("a beam hits a known obstacle with this probability", "", 0.01, 0.99)] = 0.5
     unknown_rate_per_m: Annotated[float, Opt("unknown obstacles: rate of their exponential", "1/m", 1e-4, 10)] = 0.2
     unknown_threshold: Annotated[float, Opt("a beam is called unknown above this posterior", "", 0, 1)] = 0.5
-    independent_beams: Annotated[float, Opt("how many independent beams a scan is worth", "", 0.1, 1e4)] = 6.0
+    independent_beams: Annotated[float, Opt("how many independent beams a scan is worth", "", 0.1, 1e4)] = 12.0
     mae_top_m: Annotated[float, Opt("residuals count up to this", "m", 0.01, 100)] = 1.0
     estimate_reliability: Annotated[bool, Opt("estimate p(success) and let it weigh the particles")] = True
     classifier: Annotated[
