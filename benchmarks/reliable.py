@@ -122,7 +122,7 @@ def classes(log: Path, judged: Judged) -> np.ndarray:
         k = index.get(sweep.stamp_ns)
         if k is None or not judged.good[k]:
             continue
-        scan, _ = reliable._scan(sweep, params)
+        scan, _ = reliable.scan_of(sweep, params)
         model = reliable.model_of(params, 30.0)
         called = class_conditional.classes(judged.pose[k], scan, field, model).p_unknown >= params.unknown_threshold
         really = class_conditional.classes(judged.truth[k], scan, field, model).away_m > 0.2

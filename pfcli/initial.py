@@ -30,6 +30,8 @@ def parse(text: str, heading: str | None = None) -> Initial:
     if heading is not None:
         given = _numbers("--heading-prior", heading, (1, 2), "YAW[,SD] in rad")
         prior = (given[0], given[1] if len(given) > 1 else 0.2)
+        if prior[1] <= 0.0:
+            raise UsageError(f"--heading-prior {heading}: the standard deviation must be positive")
     if text in ("unknown", "inside", "outside"):
         return Initial(text, heading=prior)
     if text.startswith("region:"):

@@ -1,5 +1,6 @@
 """From parameter dataclasses to click options, TOML files and documentation rows."""
 
+import math
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,19 @@ from pfcli.params import build, fields
 from pfcli.replay import Settings
 
 _Command = Callable[..., Any]
+
+
+class Finite(click.FloatRange):
+    """A number within limits; NaN is none."""
+
+    name = "float"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Raises click's usage error for NaN and infinity."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
 
 
 def system_options(params: type) -> Callable[[_Command], _Command]:
@@ -151,19 +165,19 @@ def reading_options(command: _Command) -> _Command:
             ),
             click.option(
                 "--start",
-                type=click.FloatRange(0),
+                type=Finite(0),
                 default=None,
                 help="Begin so many seconds after the log's first stamp [s].",
             ),
             click.option(
                 "--end",
-                type=click.FloatRange(0),
+                type=Finite(0),
                 default=None,
                 help="Stop so many seconds after the log's first stamp [s].",
             ),
             click.option(
                 "--reorder",
-                type=click.FloatRange(0, 3600),
+                type=Finite(0, 3600),
                 default=2.0,
                 show_default=True,
                 help="Messages may arrive so much too late [s].",
@@ -190,13 +204,11 @@ def reading_options(command: _Command) -> _Command:
             click.option("--wheel-joints", metavar="LEFT,RIGHT", default=None, help="Joints of the driven wheels."),
             click.option(
                 "--wheel-radius-m",
-                type=click.FloatRange(0, 100),
+                type=Finite(0, 100),
                 multiple=True,
                 help="Wheel radius; twice for left and right [m].",
             ),
-            click.option(
-                "--track-width-m", type=click.FloatRange(0, 100), default=0.0, help="Distance between the wheels [m]."
-            ),
+            click.option("--track-width-m", type=Finite(0, 100), default=0.0, help="Distance between the wheels [m]."),
         )
     ):
         command = option(command)

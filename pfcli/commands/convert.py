@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pfcli.errors import LogError, UsageError
+from pfcli.options import Finite
 
 if TYPE_CHECKING:
     from pfcli.events import Scan
@@ -19,13 +20,13 @@ if TYPE_CHECKING:
 @click.argument("target", type=click.Path(path_type=Path))
 @click.option(
     "--range-max",
-    type=click.FloatRange(0, 10_000, min_open=True),
+    type=Finite(0, 10_000, min_open=True),
     default=None,
     help="Usable range of the scanner [m]; default: just below the value the log repeats at its top.",
 )
 @click.option(
     "--range-scale",
-    type=click.FloatRange(0, 100, min_open=True),
+    type=Finite(0, 100, min_open=True),
     default=1.0,
     show_default=True,
     help="Multiply all ranges: for scanners whose metre is not one.",
@@ -75,11 +76,15 @@ def convert(
     for note in found.pop("notes"):
         say(note)
     line = (
-        f"{target}: {found['scans']} scans, {found['odometry']} odometry messages, usable range {found['range_max_m']:.2f} m,"
+        f"{target}: {found['scans']} scans, {found['odometry']} odometry messages, {_range_text(found['range_max_m'])},"
         f" {found['repaired_stamps']} stamps repaired"
     )
     emit(found, [line], as_json)
     return lost({"unreadable line": found["unreadable_lines"]} if found["unreadable_lines"] else {}, [])
+
+
+def _range_text(range_m: float | None) -> str:
+    return "no range to tell" if range_m is None else f"usable range {range_m:.2f} m"
 
 
 def _ticks(log: "TickLog", target: Path, ranges: tuple[float, float | None], compression: str, as_json: bool) -> int:

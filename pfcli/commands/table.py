@@ -6,12 +6,14 @@ from pathlib import Path
 import click
 
 from pfcli import registry
+from pfcli.errors import LogError
+from pfcli.options import Finite
 
 
 @click.command()
 @click.argument("map_file", metavar="MAP", type=click.Path(path_type=Path))
 @click.option("--bins", type=click.IntRange(72, 720), default=None, help="Directions per turn.  (default: 360)")
-@click.option("--table-range-m", type=click.FloatRange(0.1, 1000), default=None, help="Longest ray [m].  (default: 30)")
+@click.option("--table-range-m", type=Finite(0.1, 1000), default=None, help="Longest ray [m].  (default: 30)")
 @click.option(
     "--check", type=click.IntRange(0, 10_000_000), default=0, help="Compare so many random rays with exact ones."
 )
@@ -32,6 +34,8 @@ def table(
     bins, range_m = bins or defaults.bins, table_range_m or defaults.table_range_m
     grid = map_yaml.read(map_file)
     seen = grid._replace(cells=raycast.unveiled(grid.cells, grid.resolution_m, defaults.veil_m))
+    if not (grid.cells == 0).any() or not (grid.cells == 1).any():
+        raise LogError(f"{map_file}: has no free cells or no occupied ones, so no range can be expected of it")
     began = time.perf_counter()
     if force:
         range_table_file.path_of(seen, bins, range_m).unlink(missing_ok=True)

@@ -105,6 +105,8 @@ def _fault(path: Path, wanted: dict[str, Any]) -> str:
         if not head.startswith(_MAGIC):
             return "it is no range table"
         found = json.loads(head[len(_MAGIC) :])
+        if not isinstance(found, dict):
+            return "its header cannot be read"
         if {key: found.get(key) for key in wanted} != wanted:
             return "it belongs to another map"
         if path.stat().st_size != size:

@@ -17,6 +17,7 @@ from pfcli.events import Pose2, Scan, Ticks, Truth
 from pfcli.formats.carmen import open_text
 
 _MS, _US = 1_000_000, 1_000
+_LATEST_NS = (1 << 31) * 1_000_000_000
 _URG_BEAMS, _URG_STEP_RAD = 682, math.radians(360.0 / 1024.0)
 
 
@@ -66,7 +67,7 @@ def tinyslam(source: Path) -> TickLog:
             if before is None:
                 raise ValueError
             left, right = (int(words[2]), int(words[3])) if before == 24 else (int(words[1]), -int(words[2]))
-            stamp = int(words[0]) * _US
+            stamp = _stamp(int(words[0]) * _US)
             ranges = np.array(words[before : before + _URG_BEAMS], np.float32) * np.float32(1e-3)
         except ValueError:
             broken += bool(words)
@@ -91,13 +92,13 @@ def lego(folder: Path) -> TickLog:
             try:
                 if words and words[0] == "M":
                     ticks = np.array([int(words[2]), int(words[6])])
-                    events.append(Ticks(int(words[1]) * _MS, ("left", "right"), ticks, 360.0, True))
+                    events.append(Ticks(_stamp(int(words[1]) * _MS), ("left", "right"), ticks, 360.0, True))
                 elif words and words[0] == "S":
                     ranges = np.array(words[3:], np.float32) * np.float32(1e-3)
                     if ranges.size != int(words[2]):
                         raise ValueError
                     low, step = -330 * 0.006135923 - 0.0698132, 0.006135923
-                    events.append(Scan(int(words[1]) * _MS, _none(ranges), low, step, 0.02, 4.0, Pose2()))
+                    events.append(Scan(_stamp(int(words[1]) * _MS), _none(ranges), low, step, 0.02, 4.0, Pose2()))
             except (ValueError, IndexError):
                 broken += 1
     hint = "--motion encoders --wheel-radius-m 0.019996 --track-width-m 0.155"
@@ -116,7 +117,7 @@ def tricycle(source: Path) -> TickLog:
                 tops = (float(words[1]), float(words[2]))
             elif words and words[0] == "time":
                 whole, _, fraction = words[1].partition(".")
-                stamp = int(whole) * 1_000_000_000 + int((fraction + "0" * 9)[:9])
+                stamp = _stamp(int(whole) * 1_000_000_000 + int((fraction + "0" * 9)[:9]))
                 names, ticks = ("steering", "traction"), np.array([int(words[3]), int(words[4])])
                 x, y, yaw = (float(v) for v in words[10:13])
                 events.append(Ticks(stamp, names, ticks, tops[1], True))
@@ -130,6 +131,13 @@ def tricycle(source: Path) -> TickLog:
 def _none(ranges_m: NDArray[np.float32]) -> NDArray[np.float32]:
     """Ranges with infinity where the scanner says 0: nothing came back."""
     return np.where(ranges_m <= 0, np.float32(np.inf), ranges_m).astype(np.float32)
+
+
+def _stamp(ns: int) -> int:
+    """A stamp that a message can hold. Raises ValueError for others."""
+    if not 0 <= ns < _LATEST_NS:
+        raise ValueError
+    return ns
 
 
 def _checked(source: Path, log: TickLog) -> TickLog:

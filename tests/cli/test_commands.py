@@ -16,6 +16,7 @@ from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats.log_writer import LogWriter
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 Sample = Callable[[str], Path]
 T0 = 1_700_000_000 * 10**9
 
@@ -418,3 +419,31 @@ def test_a_rotated_map_gives_the_rotated_track(pfcli: Cli, sample: Sample, tmp_p
         ends.append(tum.read(tmp_path / name / "track.tum")[1][-1])
     expected = np.array([c * ends[0][0] - s * ends[0][1], s * ends[0][0] + c * ends[0][1], ends[0][2] + 0.3])
     assert ends[1] == pytest.approx(expected, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--start", "nan"], "not a finite number"),
+        (["--wheel-radius-m", "nan"], "not a finite number"),
+        (["--heading-prior", "0,0"], "must be positive"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(words: list[str], told: str, pfcli: Cli, tmp_path: Path) -> None:
+    place = SAMPLES / "four-rooms.yaml"
+    done = pfcli("localize-lookup", SAMPLES / "four-rooms.mcap", "--map", place, "--out", tmp_path / "o", *words)
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_map_without_walls_has_no_table_and_a_log_without_scans_converts(pfcli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "m.pgm").write_bytes(b"P5\n4 4\n255\n" + b"\xfe" * 16)
+    (tmp_path / "m.yaml").write_text("image: m.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n")
+    done = pfcli("table", tmp_path / "m.yaml")
+    assert done.returncode == 1
+    assert "no range can be expected" in done.stderr
+    (tmp_path / "x.log").write_text("ODOM 0 0 0 0 0 0 1.0 h 1.0\nODOM 1 0 0 0 0 0 2.0 h 2.0\n")
+    done = pfcli("convert", tmp_path / "x.log", tmp_path / "x.mcap")
+    assert done.returncode == 0, done.stderr
+    assert "no range to tell" in done.stdout

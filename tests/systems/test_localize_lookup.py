@@ -210,3 +210,18 @@ def test_without_a_table_rays_find_the_same_robot(map_file: Path) -> None:
     looked_up, cast = evidence(poses, beams, assets, model), range_beams.from_rays(poses, beams, assets.rays, model)
     assert looked_up[-1] < looked_up[:-1].min()
     assert np.corrcoef(looked_up, cast)[0, 1] > 0.8
+
+
+def test_a_heading_prior_weighs_and_a_lost_robot_is_looked_for_in_the_whole_map(map_file: Path) -> None:
+    """The prior is part of the weights, not only of the proposal; it and a start region are forgotten by a lost robot."""
+    assets, params = _assets(map_file, Initial("inside", heading=(0.7, 0.05)))
+    beams = beams_of(_sweep(assets, TRUE), params)
+    with_prior = start._matched(TRUE[None, :2], beams, 0.1, assets, params, np.random.default_rng(0))
+    plain = start._matched(
+        TRUE[None, :2], beams, 0.1, assets._replace(initial=Initial("inside")), params, np.random.default_rng(0)
+    )
+    best = np.argmax(with_prior[1])
+    off = np.abs(np.angle(np.exp(1j * (with_prior[0][:, 2] - 0.7))))
+    assert off[best] < 0.1
+    assert (with_prior[1][off > 0.5] < plain[1].max() - 30.0).all()
+    assert assets.free_xy.shape[0] >= assets.start_xy.shape[0]

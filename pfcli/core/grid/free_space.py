@@ -122,7 +122,8 @@ def _clear(seen, ox, oy, ends, resolution_m):  # type: ignore[no-untyped-def]
         dx, dy = ends[b, 0] - ox, ends[b, 1] - oy
         steps = int(2.0 * max(abs(dx), abs(dy)) / resolution_m) + 1
         for k in range(steps):
-            ix, iy = int((ox + dx * k / steps) / resolution_m), int((oy + dy * k / steps) / resolution_m)
+            ix = int(np.floor((ox + dx * k / steps) / resolution_m))
+            iy = int(np.floor((oy + dy * k / steps) / resolution_m))
             if 0 <= iy < seen.shape[0] and 0 <= ix < seen.shape[1]:
                 seen[iy, ix] = True
 

@@ -76,6 +76,8 @@ def load(params: Params, job: Any) -> Assets:
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:
         raise LogError(f"{job.map}: has no free cells")
+    if not (grid.cells == 1).any():
+        raise LogError(f"{job.map}: has no occupied cells, so no range can be expected of it")
     initial: Initial = job.initial
     if initial.kind == "outside":
         raise UsageError("--initial outside: localize-lookup knows no outside; localize-partial does")
@@ -91,6 +93,7 @@ def load(params: Params, job: Any) -> Assets:
     return Assets(
         grid,
         start_cells(region, initial, job.map),
+        region.free_xy,
         rays,
         table,
         initial,
@@ -146,7 +149,10 @@ def _look_around(
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The particles, and beside them those of a robot that may be anywhere: each side by its prior and its evidence."""
-    found = start.anywhere(beams, assets, params, rng)
+    whole = assets._replace(
+        start_xy=assets.free_xy, initial=Initial("inside")
+    )  # what held at the start need not hold now
+    found = start.anywhere(beams, whole, params, rng)
     log_w = log_w + np.log(1.0 - params.lost_share)
     _, log_sum = normalize(found.log_w)
     fresh = found.log_w - log_sum + found.log_evidence + np.log(params.lost_share)

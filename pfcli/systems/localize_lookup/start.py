@@ -71,7 +71,8 @@ def _matched(
     poses, log_w = [], []
     for low in range(0, xy.shape[0], _CHUNK):
         chunk = xy[low : low + _CHUNK]
-        log_p = _all_headings(chunk, beams, sigma_m, assets, params)
+        prior = _heading_prior(beams, assets, params)
+        log_p = _all_headings(chunk, beams, sigma_m, assets, params) + prior
         if params.variant == "paper":
             best = heading.best(log_p)
             place, bin_, width = np.arange(chunk.shape[0]), best.astype(float), np.zeros(chunk.shape[0])
@@ -84,7 +85,8 @@ def _matched(
         sensor = np.column_stack([chunk[place], yaw])
         base = compose(sensor, between(mount, np.zeros((1, 3))))
         poses.append(base)
-        log_w.append(width + evidence(base, beams, assets, model_of(params, beams, assets, sigma_m)))
+        asked = prior[np.rint(bin_).astype(np.int64) % params.bins]
+        log_w.append(width + asked + evidence(base, beams, assets, model_of(params, beams, assets, sigma_m)))
     return np.concatenate(poses), np.concatenate(log_w)
 
 
@@ -105,11 +107,17 @@ def _all_headings(
         sensor = np.column_stack([np.repeat(xy, bins, axis=0), np.tile(yaw, xy.shape[0])])
         base = compose(sensor, between(beams.mounts[:1], np.zeros((1, 3))))
         log_p = evidence(base, beams, assets, model).reshape(xy.shape[0], bins)
-    if assets.initial.heading is not None:
-        mean, sd = assets.initial.heading
-        off = np.remainder(yaw - beams.mounts[0, 2] - mean + math.pi, 2 * math.pi) - math.pi
-        log_p = log_p - 0.5 * (off / sd) ** 2
     return np.asarray(log_p)
+
+
+def _heading_prior(beams: Beams, assets: Assets, params: Params) -> NDArray[np.float64]:
+    """(bins,) log of `--heading-prior` for the first sensor looking along each bin, 0 where there is none."""
+    if assets.initial.heading is None:
+        return np.zeros(params.bins)
+    mean, sd = assets.initial.heading
+    yaw = 2 * math.pi / params.bins * np.arange(params.bins) + assets.grid.origin.yaw_rad
+    off = np.remainder(yaw - beams.mounts[0, 2] - mean + math.pi, 2 * math.pi) - math.pi
+    return np.asarray(-0.5 * (off / sd) ** 2)
 
 
 def _narrow(

@@ -160,7 +160,7 @@ def load(path: Path, map_digest: str, view: View) -> Classifier:
             raise ValueError("wrong fields")
     except (OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: cannot be read ({reason(error)})") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise LogError(f"{path}: is no classifier of `pfcli calibrate` ({reason(error)})") from None
     if values.get("map") != map_digest:
         raise UsageError(f"--classifier {path}: was learnt for another map; run `pfcli calibrate` on this one")

@@ -182,7 +182,7 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     way = float(np.hypot(moved[0], moved[1]))
     if not (first or way >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad):
         return state, None
-    scan, points = _scan(sweep, params)
+    scan, points = scan_of(sweep, params)
     if scan.range_m.size == 0:
         return state, None
     model = model_of(params, _reach(sweep, params))
@@ -201,7 +201,7 @@ def _reach(sweep: Sweep, params: Params) -> float:
     return float(min(params.max_range_m or sweep.scan.range_max_m, 100.0))
 
 
-def _scan(sweep: Sweep, params: Params) -> tuple[Scan, NDArray[np.float64]]:
+def scan_of(sweep: Sweep, params: Params) -> tuple[Scan, NDArray[np.float64]]:
     """The beams for the filter, and all end points (b, 2) for the global localiser."""
     scan = sweep.scan
     angles = (scan.angle_min_rad, scan.angle_increment_rad)
@@ -380,7 +380,7 @@ def _conclude(
         way_m=state.way_m,
         beams=scan.range_m.size,
     )
-    if p_success < 0.5 and len(state.history) > 1:
+    if state.classifier is not None and p_success < 0.5 and len(state.history) > 1:
         del state.history[:-1]  # if the robot was carried, earlier scans are joined to the newest one wrongly
     if not resample:
         return state._replace(log_w=np.log(np.maximum(weights, 1e-300)), believed=np.asarray(inside)), info
@@ -422,7 +422,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     summary = {
         "updates": records.count,
         "recoveries": records.recoveries(),
-        "p_success_at_end": round(records.p_success[-1], 4),
+        "p_success_at_end": round(records.p_success[-1], 4) if learnt else None,
         "key_points": int(assets.features.kind.size),
         "decision_accuracy": round(learnt.accuracy, 4) if learnt else None,
     }
