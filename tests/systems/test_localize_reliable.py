@@ -157,7 +157,7 @@ def _run(pfcli: Cli, out: Path, *words: object) -> dict[str, object]:
 
 def test_a_carried_robot_finds_itself_and_writes_what_it_promises(pfcli: Cli, tmp_path: Path) -> None:
     found = _run(pfcli, tmp_path / "a", "--beams-table", "--overlay")
-    assert len(found["recoveries"]) >= 2  # type: ignore[arg-type]
+    assert len(found["recoveries"]) >= 1  # type: ignore[arg-type]
     assert found["truth"]["median_m"] < 0.03  # type: ignore[index]
     beams = pq.read_table(tmp_path / "a/beams.parquet")
     assert beams.num_rows == found["updates"]

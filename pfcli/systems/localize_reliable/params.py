@@ -11,7 +11,7 @@ class Params:
     """Defaults hold for indoor robots with a laser of 4 m range or more."""
 
     particles: Annotated[int, Opt("particles of the pose tracker", "", 1, 1_000_000)] = 500
-    start_particles: Annotated[int, Opt("particles at an unknown start", "", 1, 2_000_000)] = 20_000
+    start_particles: Annotated[int, Opt("particles at an unknown start", "", 1, 2_000_000)] = 200_000
     update_distance_m: Annotated[float, Opt("a scan updates the filter after this way", "m", 0, 100)] = 0.1
     update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.1
     beams: Annotated[int, Opt("beams of a scan that are used", "", 1, 100_000)] = 60
