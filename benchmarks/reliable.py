@@ -25,7 +25,7 @@ from pfcli.registry import system
 from pfcli.replay import Log, Loss
 from pfcli.report.metrics import wrap
 from pfcli.simulate import scenario as scenarios
-from pfcli.systems.localize_reliable import filter as reliable
+from pfcli.systems.localize_reliable import assets
 
 SYSTEM = system("localize-reliable")
 WEAN_END = np.array([39.78, 39.81, -0.03])
@@ -122,8 +122,8 @@ def classes(log: Path, judged: Judged) -> np.ndarray:
         k = index.get(sweep.stamp_ns)
         if k is None or not judged.good[k]:
             continue
-        scan, _ = reliable.scan_of(sweep, params)
-        model = reliable.model_of(params, 30.0)
+        scan, _ = assets.scan_of(sweep, params)
+        model = assets.model_of(params, 30.0)
         called = class_conditional.classes(judged.pose[k], scan, field, model).p_unknown >= params.unknown_threshold
         really = class_conditional.classes(judged.truth[k], scan, field, model).away_m > 0.2
         counts += [np.sum(called & really), np.sum(called & ~really), np.sum(~called & really)]

@@ -12,7 +12,7 @@ from pfcli.registry import SUMMARY
 
 _COMMANDS = {
     "info": ("pfcli.commands.info:info", "What a log holds, and which systems it can feed."),
-    "convert": ("pfcli.commands.convert:convert", "CARMEN logs and ROS bags -> MCAP."),
+    "convert": ("pfcli.commands.convert:convert", "CARMEN logs, ROS bags and logs of wheel ticks -> MCAP."),
     "simulate": ("pfcli.commands.simulate:simulate", "Worlds, robots and sensors with truth -> MCAP."),
     "evaluate": ("pfcli.commands.evaluate:evaluate", "A track against truth or relations; a map against itself."),
     "calibrate": ("pfcli.commands.calibrate:calibrate", "What localize-reliable decides by, learnt from a map."),

@@ -42,7 +42,7 @@ def calibrate(
     from pfcli.options import build_params, pairs
     from pfcli.replay import Log, Settings
     from pfcli.rng import Purpose, rng_for
-    from pfcli.systems.localize_reliable import decision, filter
+    from pfcli.systems.localize_reliable import assets, decision
 
     params = build_params(registry.params_class("localize-reliable"), {}, params_file)
     settings = Settings(topics=pairs(topic, "--topic", tuple(ROLES)))
@@ -52,17 +52,17 @@ def calibrate(
     first = next(iter(align.bare(opened.events(["scan"]))), None)
     if first is None:
         raise LogError(f"{log}: holds no scan that can be read")
-    if filter.scan_of(first, params)[0].range_m.size == 0:
+    if assets.scan_of(first, params)[0].range_m.size == 0:
         raise LogError(f"{log}: its first scan has no usable beam (see max_range_m)")
-    assets = filter.load(params, run.Job(registry.system("localize-reliable"), params, [log], map=map_file))
-    view = filter.view_of(first, params)
-    model = filter.model_of(params, view.range_m)
+    place = assets.load(params, run.Job(registry.system("localize-reliable"), params, [log], map=map_file))
+    view = assets.view_of(first, params)
+    model = assets.model_of(params, view.range_m)
     rng = rng_for(seed, Purpose.CALIBRATE, 0)
-    found = decision.learn(assets.rays, assets.free_xy, assets.field, model, view, rng, poses)
+    found = decision.learn(place.rays, place.free_xy, place.field, model, view, rng, poses)
     if not found.slope.any():
         raise LogError(
             f"{map_file}, {log}: too few simulated scans could be compared; is the map of that place, or too small?"
         )
-    decision.save(out, found, assets.digest)
+    decision.save(out, found, place.digest)
     values = {"out": str(out), "accuracy": round(found.accuracy, 4), "poses": poses, "sensor": list(found.sensor)}
     emit(values, [f"{out}: tells success from failure in {found.accuracy:.1%} of held-out scans"], as_json)

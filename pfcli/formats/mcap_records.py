@@ -104,7 +104,9 @@ class McapFile:
         except OSError as error:
             raise LogError(f"{path}: cannot be read ({reason(error)})") from None
         if bytes(self._bytes[:8]) != MAGIC:
-            raise LogError(f"{path}: is not an MCAP file; `pfcli convert` makes one from CARMEN logs and ROS bags")
+            raise LogError(
+                f"{path}: is not an MCAP file; `pfcli convert` makes one from CARMEN logs, ROS bags and logs of wheel ticks"
+            )
 
     def survey(self) -> None:
         """Fill `channels` from the summary section, or by a walk where the file has none."""

@@ -67,14 +67,14 @@ def test_a_terrible_residual_never_becomes_no_evidence() -> None:
 def learnt() -> tuple[Classifier, str]:
     from pfcli import registry, run
     from pfcli.params import build
-    from pfcli.systems.localize_reliable import filter
+    from pfcli.systems.localize_reliable import assets
 
     system = registry.system("localize-reliable")
     params = build(system.params, {}, "test")
-    assets = filter.load(params, run.Job(system, params, [], map=SAMPLES / "kidnapped.yaml"))
-    model = filter.model_of(params, 30.0)
+    place = assets.load(params, run.Job(system, params, [], map=SAMPLES / "kidnapped.yaml"))
+    model = assets.model_of(params, 30.0)
     rng = np.random.default_rng(0)
-    return decision.learn(assets.rays, assets.free_xy, assets.field, model, VIEW, rng, 800), assets.digest
+    return decision.learn(place.rays, place.free_xy, place.field, model, VIEW, rng, 800), place.digest
 
 
 def test_the_decision_is_learnt_from_the_map_and_holds_on_poses_that_were_kept_back(

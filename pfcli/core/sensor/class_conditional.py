@@ -16,7 +16,7 @@ from pfcli.core.grid.distance import distance_m
 from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.sensor import range_table
 from pfcli.core.sensor.likelihood_field import grid_frame
-from pfcli.core.sensor.range_table import UNKNOWN, RangeTable
+from pfcli.core.sensor.range_table import UNKNOWN, RangeTable, row_at
 from pfcli.core.threads import spread
 
 OFF_MAP = 1e3
@@ -135,15 +135,22 @@ def _away(away, rows, cols, gx, gy, c, s, ends, b):  # type: ignore[no-untyped-d
     return away[iy * cols + ix]
 
 
+@inline_kernel
+def _placed(pose, frame, yaw):  # type: ignore[no-untyped-def]
+    """Place of a pose in cells, and its turn as cosine and sine in cells per metre."""
+    scale = np.hypot(frame[0], frame[3])
+    gx = frame[0] * pose[0] + frame[1] * pose[1] + frame[2]
+    gy = frame[3] * pose[0] + frame[4] * pose[1] + frame[5]
+    return gx, gy, np.cos(pose[2] - yaw) * scale, np.sin(pose[2] - yaw) * scale
+
+
 @kernel
 def _through(ranges, row, frame, yaw, unit_m, pose, sensor, turn, range_m, out):  # type: ignore[no-untyped-def]
     """Which beams read beyond a mapped surface: farther than both neighbouring directions of the table, by a margin (1),
     or so far that not even a wall at their end explains them (2)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     x, y = pose[0] + c * sensor[0] - s * sensor[1], pose[1] + s * sensor[0] + c * sensor[1]
-    ix = int(np.floor(frame[0] * x + frame[1] * y + frame[2]))
-    iy = int(np.floor(frame[3] * x + frame[4] * y + frame[5]))
-    k = row[iy, ix] if 0 <= iy < row.shape[0] and 0 <= ix < row.shape[1] else -1
+    k = row_at(row, frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5])
     bins = ranges.shape[1]
     base = (pose[2] - yaw) / (2.0 * np.pi)
     base -= np.floor(base)
@@ -164,13 +171,10 @@ def _through(ranges, row, frame, yaw, unit_m, pose, sensor, turn, range_m, out):
 def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, top_m, hit_m, out):  # type: ignore[no-untyped-def]
     away, rows, cols, frame, yaw, expected = field
     ends, range_m, turn, sensor = scan
-    scale = np.hypot(frame[0], frame[3])
     n = ends.shape[1]
     through = np.empty(n, np.uint8)
     for i in range(low, high):
-        gx = frame[0] * poses[i, 0] + frame[1] * poses[i, 1] + frame[2]
-        gy = frame[3] * poses[i, 0] + frame[4] * poses[i, 1] + frame[5]
-        c, s = np.cos(poses[i, 2] - yaw) * scale, np.sin(poses[i, 2] - yaw) * scale
+        gx, gy, c, s = _placed(poses[i], frame, yaw)
         _through(expected[0], expected[1], expected[2], yaw, expected[3], poses[i], sensor, turn, range_m, through)
         total, product, residual, on_map, hits, beyond = 0.0, 1.0, 0.0, 0, 0, 0
         for b in range(n):
@@ -198,13 +202,18 @@ def _packed(field: Field) -> tuple[object, ...]:
     return field.away, field.rows, field.cols, field.frame, field.yaw_rad, expected
 
 
+def _densities(scan: Scan, model: Model) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
+    """Of unknown obstacles at each beam's range; of known ones by distance, and the steps of that table per metre."""
+    step_m = model.sigma_m / _STEPS_PER_SIGMA
+    unknown = unknown_density(scan.range_m.astype(np.float64), model)
+    return unknown, _hit_table(model, step_m, _TABLE), 1.0 / step_m
+
+
 def fit(poses: NDArray[np.float64], scan: Scan, field: Field, model: Model) -> Fit:
     """How a scan fits poses (n, 3)."""
     out = np.empty((poses.shape[0], 4))
-    step_m = model.sigma_m / _STEPS_PER_SIGMA
-    table = _hit_table(model, step_m, _TABLE)
-    unknown = unknown_density(scan.range_m.astype(np.float64), model)
-    arguments = (poses, tuple(scan), unknown, _packed(field), table, 1.0 / step_m, model.mae_top_m, model.hit_m)
+    unknown, table, per_m = _densities(scan, model)
+    arguments = (poses, tuple(scan), unknown, _packed(field), table, per_m, model.mae_top_m, model.hit_m)
     if poses.shape[0] * scan.range_m.size < 50_000:
         _fit_rows(0, poses.shape[0], *arguments, out)  # to wake a thread would take longer
     else:
@@ -214,22 +223,16 @@ def fit(poses: NDArray[np.float64], scan: Scan, field: Field, model: Model) -> F
 
 class Classes(NamedTuple):
     """Of every beam (b,): p_unknown, posterior of the class (eq. (3)); away_m: distance of its end point from the nearest
-    mapped surface; through: > 0 where it would have to pass through one."""
+    mapped surface."""
 
     p_unknown: NDArray[np.float64]
     away_m: NDArray[np.float64]
-    through: NDArray[np.uint8]
 
 
 @kernel
-def _classes(pose, scan, unknown, field, table, per_m, posterior, distance, through):  # type: ignore[no-untyped-def]
-    away, rows, cols, frame, yaw, expected = field
-    ends, range_m, turn, sensor = scan
-    scale = np.hypot(frame[0], frame[3])
-    gx = frame[0] * pose[0] + frame[1] * pose[1] + frame[2]
-    gy = frame[3] * pose[0] + frame[4] * pose[1] + frame[5]
-    c, s = np.cos(pose[2] - yaw) * scale, np.sin(pose[2] - yaw) * scale
-    _through(expected[0], expected[1], expected[2], yaw, expected[3], pose, sensor, turn, range_m, through)
+def _classes(pose, ends, unknown, field, table, per_m, posterior, distance):  # type: ignore[no-untyped-def]
+    away, rows, cols, frame, yaw, _ = field
+    gx, gy, c, s = _placed(pose, frame, yaw)
     for b in range(ends.shape[1]):
         distance[b] = _away(away, rows, cols, gx, gy, c, s, ends, b)
         known = table[min(np.int64(distance[b] * per_m), table.size - 1)]
@@ -241,10 +244,7 @@ def classes(pose: NDArray[np.float64], scan: Scan, field: Field, model: Model) -
 
     A beam that seems to pass through a wall is an error of the map or of the pose: it is unknown to the map all the same.
     """
-    step_m = model.sigma_m / _STEPS_PER_SIGMA
-    table = _hit_table(model, step_m, _TABLE)
-    unknown = unknown_density(scan.range_m.astype(np.float64), model)
-    n = scan.range_m.size
-    found = Classes(np.empty(n), np.empty(n), np.empty(n, np.uint8))
-    _classes(pose, tuple(scan), unknown, _packed(field), table, 1.0 / step_m, *found)
+    unknown, table, per_m = _densities(scan, model)
+    found = Classes(np.empty(scan.range_m.size), np.empty(scan.range_m.size))
+    _classes(pose, scan.ends, unknown, _packed(field), table, per_m, *found)
     return found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pfcli.core.grid.raycast import cast, clearance
 from pfcli.core.jit import inline_kernel, kernel, reduction_kernel
 from pfcli.core.sensor.likelihood_field import grid_frame
-from pfcli.core.sensor.range_table import NONE, UNKNOWN, RangeTable, nearest_free
+from pfcli.core.sensor.range_table import NONE, UNKNOWN, RangeTable, nearest_free, row_at
 from pfcli.core.threads import spread
 
 _NONE_ANYWHERE = 0.2
@@ -169,7 +169,7 @@ def _table_rows(low, high, poses, beams, table, row, centre, frame, yaw, model, 
         total = 0.0
         for j in range(mounts.shape[0]):
             gx, gy, heading = _sensor(poses[i], mounts[j], frame, yaw)
-            k = _row_at(row, gx, gy)
+            k = row_at(row, gx, gy)
             if k < 0:
                 total += missed * (start[j + 1] - start[j])
                 continue
@@ -182,14 +182,6 @@ def _table_rows(low, high, poses, beams, table, row, centre, frame, yaw, model, 
         out[i] = gain * total
 
 
-@inline_kernel
-def _row_at(row, gx, gy):  # type: ignore[no-untyped-def]
-    ix, iy = int(np.floor(gx)), int(np.floor(gy))
-    if ix < 0 or iy < 0 or ix >= row.shape[1] or iy >= row.shape[0]:
-        return -1
-    return np.int64(row[iy, ix])
-
-
 @kernel
 def _ray_rows(low, high, poses, beams, room, cells, near, frame, yaw, model, range_m, out):  # type: ignore[no-untyped-def]
     mounts, start, _, unit, z = beams
@@ -199,7 +191,7 @@ def _ray_rows(low, high, poses, beams, room, cells, near, frame, yaw, model, ran
         total = 0.0
         for j in range(mounts.shape[0]):
             gx, gy, heading = _sensor(poses[i], mounts[j], frame, yaw)
-            k = _row_at(near, gx, gy)
+            k = row_at(near, gx, gy)
             if k < 0:
                 total += missed * (start[j + 1] - start[j])
                 continue
@@ -253,20 +245,10 @@ def rays_of(cells: NDArray[np.int8], resolution_m: float, origin: tuple[float, f
 
 
 def from_rays(poses: NDArray[np.float64], beams: Beams, rays: Rays, model: Model) -> NDArray[np.float64]:
-    """(n,) evidence of a reading for poses (n, 3), expected ranges cast on the spot (1 mm steps)."""
+    """(n,) evidence of a reading for poses (n, 3), expected ranges cast on the spot."""
     out = np.empty(poses.shape[0])
-    arguments = (
-        poses,
-        tuple(beams),
-        rays.room,
-        rays.cells,
-        rays.near,
-        rays.frame,
-        rays.yaw_rad,
-        _packed(model),
-        rays.range_m,
-    )
-    spread(_ray_rows, poses.shape[0], *arguments, out)
+    places = (rays.room, rays.cells, rays.near, rays.frame, rays.yaw_rad)
+    spread(_ray_rows, poses.shape[0], poses, tuple(beams), *places, _packed(model), rays.range_m, out)
     return out
 
 
@@ -280,6 +262,5 @@ def _misses(poses, mount, room, frame, yaw):  # type: ignore[no-untyped-def]
     count = 0
     for i in range(poses.shape[0]):
         gx, gy, _ = _sensor(poses[i], mount, frame, yaw)
-        ix, iy = int(np.floor(gx)), int(np.floor(gy))
-        count += ix < 0 or iy < 0 or ix >= room.shape[1] or iy >= room.shape[0] or room[iy, ix] == 0
+        count += row_at(room, gx, gy) <= 0
     return count

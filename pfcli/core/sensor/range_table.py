@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pfcli.core.grid.raycast import cast, cast_many, clearance
-from pfcli.core.jit import kernel
+from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.sensor.likelihood_field import grid_frame
 from pfcli.core.threads import spread
 
@@ -109,13 +109,20 @@ def rows_around(table: RangeTable, xy: NDArray[np.float64]) -> NDArray[np.float3
     return out
 
 
+@inline_kernel
+def row_at(row, gx, gy):  # type: ignore[no-untyped-def]
+    """What a grid of integers (rows, cols) holds at (gx, gy) in cells, -1 off the grid."""
+    ix, iy = int(np.floor(gx)), int(np.floor(gy))
+    if ix < 0 or iy < 0 or ix >= row.shape[1] or iy >= row.shape[0]:
+        return -1
+    return np.int64(row[iy, ix])
+
+
 @kernel
 def _around_rows(low, high, xy, ranges, row, frame, unit_m, range_m, out):  # type: ignore[no-untyped-def]
     for i in range(low, high):
-        ix = int(np.floor(frame[0] * xy[i, 0] + frame[1] * xy[i, 1] + frame[2]))
-        iy = int(np.floor(frame[3] * xy[i, 0] + frame[4] * xy[i, 1] + frame[5]))
-        inside = ix >= 0 and iy >= 0 and ix < row.shape[1] and iy < row.shape[0]
-        k = row[iy, ix] if inside else -1
+        gx = frame[0] * xy[i, 0] + frame[1] * xy[i, 1] + frame[2]
+        k = row_at(row, gx, frame[3] * xy[i, 0] + frame[4] * xy[i, 1] + frame[5])
         for b in range(out.shape[1]):
             value = ranges[k, b] if k >= 0 else UNKNOWN
             out[i, b] = np.nan if value == UNKNOWN else range_m if value == NONE else value * unit_m

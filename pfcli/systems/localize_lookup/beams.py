@@ -16,8 +16,8 @@ from pfcli.systems.localize_lookup.params import Params
 
 
 class Assets(NamedTuple):
-    """The map; cells (k, 2) in which the robot may stand at the start, and at all; rays, and the table where there is one; where
-    the ranges come from, in words; wall_m: how thick its walls are drawn."""
+    """The map; cells (k, 2) in which the robot may stand at the start, and at all; rays, and the table where there is one;
+    where the ranges come from, in words; wall_m: how thick its walls are drawn."""
 
     grid: GridMap
     start_xy: NDArray[np.float64]

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate
-from pfcli.core.geometry import between
 from pfcli.core.grid import raycast
 from pfcli.core.grid.region import region_of
-from pfcli.core.motion.odometry import Noise, predict, standard_deviations
+from pfcli.core.motion.odometry import predict
 from pfcli.core.resample import multinomial, systematic
 from pfcli.core.sensor import range_beams, range_table
-from pfcli.core.sensor.range_beams import Beams
+from pfcli.core.sensor.range_beams import Beams, Model
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Sounding, Sweep
@@ -28,6 +27,7 @@ from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.localize_lookup import start
 from pfcli.systems.localize_lookup.beams import Assets, beams_of, evidence, model_of
 from pfcli.systems.localize_lookup.params import Params
+from pfcli.systems.pace import step_noise, step_since
 from pfcli.systems.result import Result
 from pfcli.systems.start_cells import start_cells
 from pfcli.systems.track import TrackKeeper
@@ -113,60 +113,46 @@ def step(
 ) -> tuple[State, Info | None]:
     """Every reading is recorded; one that has moved far enough updates the filter."""
     state.track.see(reading)
-    now = np.array([reading.odometry], np.float64)
-    moved = between(state.odometry, now)[0]
     first = state.pose.shape[0] == 0
-    way = float(np.hypot(moved[0], moved[1]))
-    if not (first or way >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad):
+    now, moved, way, far = step_since(state.odometry, reading.odometry, params)
+    if not (first or far):
         return state, None
     beams = beams_of(reading, params)
     if beams.turn.size == 0:
         return state, None
     if first:
         pose, log_w, _ = start.scatter(beams, assets, params, draw(Purpose.INIT, reading.stamp_ns))
+        state = state._replace(pose=pose, log_w=log_w)
     else:
         z = draw(Purpose.MOTION, reading.stamp_ns).standard_normal(state.pose.shape)
-        pose = predict(state.pose, moved, standard_deviations(moved, _noise(params)), z)
+        pose = predict(state.pose, moved, step_noise(moved, params), z)
         model = model_of(params, beams, assets, params.sigma_hit_m)
-        log_w = state.log_w + evidence(pose, beams, assets, model)
-        best = model.gain * float(model.score.max()) * beams.turn.size
-        fit = state.fit if best <= 0.0 else state.fit + _FADING * (normalize(log_w)[1] / best - state.fit)
-        state = state._replace(fit=fit)
-        if params.variant == "corrected" and params.lost_share > 0.0 and fit < params.lost_fit:
-            pose, log_w = _look_around(pose, log_w, beams, assets, params, draw(Purpose.INJECT, reading.stamp_ns))
-            state.looks.append(reading.stamp_ns)
-            state = state._replace(fit=1.0)
-    state = state._replace(pose=pose, log_w=log_w, odometry=now, way_m=state.way_m + way)
+        state = state._replace(pose=pose, log_w=state.log_w + evidence(pose, beams, assets, model))
+        if params.variant == "corrected" and params.lost_share > 0.0:
+            state = _look_around_if_lost(state, reading.stamp_ns, beams, model, assets, params, draw)
+    state = state._replace(odometry=now, way_m=state.way_m + way)
     return _conclude(state, reading, beams, assets, params, draw)
 
 
-def _look_around(
-    pose: NDArray[np.float64],
-    log_w: NDArray[np.float64],
-    beams: Beams,
-    assets: Assets,
-    params: Params,
-    rng: np.random.Generator,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The particles, and beside them those of a robot that may be anywhere: each side by its prior and its evidence."""
-    whole = assets._replace(
-        start_xy=assets.free_xy, initial=Initial("inside")
-    )  # what held at the start need not hold now
-    found = start.anywhere(beams, whole, params, rng)
-    log_w = log_w + np.log(1.0 - params.lost_share)
+def _look_around_if_lost(
+    state: State, stamp_ns: int, beams: Beams, model: Model, assets: Assets, params: Params, draw: Draw
+) -> State:
+    """Where the last readings fit badly, the particles get company of those of a robot that may be anywhere: each side by
+    its prior and its evidence."""
+    best = model.gain * float(model.score.max()) * beams.turn.size
+    fit = state.fit if best <= 0.0 else state.fit + _FADING * (normalize(state.log_w)[1] / best - state.fit)
+    if fit >= params.lost_fit:
+        return state._replace(fit=fit)
+    # what held at the start need not hold now: neither its region nor its heading
+    whole = assets._replace(start_xy=assets.free_xy, initial=Initial("inside"))
+    found = start.anywhere(beams, whole, params, draw(Purpose.INJECT, stamp_ns))
+    state.looks.append(stamp_ns)
     _, log_sum = normalize(found.log_w)
     fresh = found.log_w - log_sum + found.log_evidence + np.log(params.lost_share)
-    return np.concatenate([pose, found.pose]), np.concatenate([log_w, fresh])
-
-
-def _noise(params: Params) -> Noise:
-    return Noise(
-        params.motion_xy_per_m,
-        params.motion_xy_per_rad_m,
-        params.motion_xy_m,
-        params.motion_yaw_per_rad,
-        params.motion_yaw_per_m_rad,
-        params.motion_yaw_rad,
+    return state._replace(
+        pose=np.concatenate([state.pose, found.pose]),
+        log_w=np.concatenate([state.log_w + np.log(1.0 - params.lost_share), fresh]),
+        fit=1.0,
     )
 
 
@@ -222,12 +208,11 @@ def _ends(beams: Beams) -> NDArray[np.float32]:
 def finish(state: State, assets: Assets, params: Params) -> Result:
     """Track, and since when the filter was certain."""
     track = state.track.track({})
+    since = (state.certain_ns[0] - int(track.stamps_ns[0])) * 1e-9 if state.certain_ns else None
     summary = {
         "updates": int(track.columns["update"].sum()),
         "ranges": assets.source,
-        "certain_since_s": round((state.certain_ns[0] - int(track.stamps_ns[0])) * 1e-9, 3)
-        if state.certain_ns
-        else None,
+        "certain_since_s": None if since is None else round(since, 3),
         "looks_around": len(state.looks),
         "particles": int(state.pose.shape[0]),
     }

@@ -10,7 +10,7 @@ from pfcli.core import particles
 from pfcli.core.geometry import between, compose
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import heading
-from pfcli.core.sensor.range_beams import Beams
+from pfcli.core.sensor.range_beams import Beams, Model
 from pfcli.core.weights import normalize
 from pfcli.systems.localize_lookup.beams import Assets, evidence, expected_m, model_of
 from pfcli.systems.localize_lookup.params import Params
@@ -23,7 +23,7 @@ _ARM_M = 5.0
 
 class Scattered(NamedTuple):
     """Poses (n, 3) and log weights (n,) that hold the reading already; log_evidence: log p(z) of a robot that may be
-    anywhere (corrected variant; else 0)."""
+    anywhere (0 for a start that is given, and where the printed variant matches headings)."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -51,9 +51,8 @@ def anywhere(beams: Beams, assets: Assets, params: Params, rng: np.random.Genera
     sigma_m = math.hypot(params.sigma_hit_m, math.sqrt(area / places)) if corrected else params.sigma_hit_m
     drawn = particles.uniform(assets.start_xy, grid.resolution_m / 2, places, rng, initial.heading)
     if params.headings == "random":
-        poses = drawn
-        log_w = evidence(poses, beams, assets, model_of(params, beams, assets, params.sigma_hit_m))
-        return Scattered(poses, log_w, 0.0)
+        log_w = evidence(drawn, beams, assets, model_of(params, beams, assets, params.sigma_hit_m))
+        return Scattered(drawn, log_w, normalize(log_w)[1] - math.log(places))
     poses, log_w = _matched(drawn[:, :2], beams, sigma_m, assets, params, rng)
     if not corrected:
         return Scattered(poses, log_w, 0.0)
@@ -67,36 +66,35 @@ def _matched(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Headings of the first sensor at places (n, 2), and what they weigh: the best one with its likelihood as printed,
     or some drawn from p(theta | x, y, c) with the marginal as weight."""
-    mount = beams.mounts[:1]
+    model = model_of(params, beams, assets, sigma_m)
+    to_base = between(beams.mounts[:1], np.zeros((1, 3)))
+    prior = _heading_prior(beams, assets, params)
+    half = max(1, round(_HALF_MODE_RAD / (2 * math.pi) * params.bins))
     poses, log_w = [], []
     for low in range(0, xy.shape[0], _CHUNK):
         chunk = xy[low : low + _CHUNK]
-        prior = _heading_prior(beams, assets, params)
-        log_p = _all_headings(chunk, beams, sigma_m, assets, params) + prior
+        log_p = _all_headings(chunk, beams, model, sigma_m, assets, params) + prior
         if params.variant == "paper":
             best = heading.best(log_p)
             place, bin_, width = np.arange(chunk.shape[0]), best.astype(float), np.zeros(chunk.shape[0])
         else:
-            half = max(1, round(_HALF_MODE_RAD / (2 * math.pi) * params.bins))
             u = rng.random((chunk.shape[0], params.modes))
             place, bin_, mass, top = heading.modes(log_p, params.modes, half, u)
             width = mass - top
         yaw = bin_ * (2 * math.pi / params.bins) + assets.grid.origin.yaw_rad
-        sensor = np.column_stack([chunk[place], yaw])
-        base = compose(sensor, between(mount, np.zeros((1, 3))))
+        base = compose(np.column_stack([chunk[place], yaw]), to_base)
         poses.append(base)
         asked = prior[np.rint(bin_).astype(np.int64) % params.bins]
-        log_w.append(width + asked + evidence(base, beams, assets, model_of(params, beams, assets, sigma_m)))
+        log_w.append(width + asked + evidence(base, beams, assets, model))
     return np.concatenate(poses), np.concatenate(log_w)
 
 
 def _all_headings(
-    xy: NDArray[np.float64], beams: Beams, sigma_m: float, assets: Assets, params: Params
+    xy: NDArray[np.float64], beams: Beams, model: Model, sigma_m: float, assets: Assets, params: Params
 ) -> NDArray[np.float64]:
     """(n, bins) log p(c | x, y, theta) of the first sensor at each place, theta in the grid's frame."""
     bins = params.bins
     yaw = 2 * math.pi / bins * np.arange(bins) + assets.grid.origin.yaw_rad
-    model = model_of(params, beams, assets, sigma_m)
     if beams.mounts.shape[0] == 1 and beams.turn.size >= _FEW_BEAMS:
         away = np.mod(beams.turn - beams.mounts[0, 2] / (2 * math.pi), 1.0)
         column = np.rint(away * bins).astype(np.int64) % bins

@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.grid.region import Region
-from pfcli.core.motion.odometry import Noise, standard_deviations
 from pfcli.core.sensor import likelihood_field
 from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
-from pfcli.systems.localize_partial.params import Params
 
 MIN_BAND_CELLS = 1.5
 """The band at a frontier is at least so wide, however short the step."""
@@ -42,19 +40,6 @@ class Belief(NamedTuple):
 def in_the_map(label: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Which particles (n,) are of the classes that a scan can be held against: 2, 3 and 6 (eq. (14))."""
     return np.asarray((label == 2) | (label == 3) | (label == 6))
-
-
-def step_noise(moved: NDArray[np.float64], params: Params) -> NDArray[np.float64]:
-    """(3,) standard deviations of a step (m, m, rad)."""
-    noise = Noise(
-        params.motion_xy_per_m,
-        params.motion_xy_per_rad_m,
-        params.motion_xy_m,
-        params.motion_yaw_per_rad,
-        params.motion_yaw_per_m_rad,
-        params.motion_yaw_rad,
-    )
-    return np.asarray(standard_deviations(moved, noise))
 
 
 def band_count(region: Region, moved: NDArray[np.float64], sd: NDArray[np.float64]) -> int:

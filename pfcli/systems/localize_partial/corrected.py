@@ -12,8 +12,9 @@ from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import anneal, kernels
-from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, in_the_map, step_noise
+from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, in_the_map
 from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.pace import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9

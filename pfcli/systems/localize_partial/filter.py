@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate, particles
-from pfcli.core.geometry import between
 from pfcli.core.grid import local_history
 from pfcli.core.grid.region import region_of
 from pfcli.core.grid.scan_points import points_of
@@ -26,6 +25,7 @@ from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.localize_partial import corrected, paper, smooth
 from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, in_the_map
 from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.pace import step_since
 from pfcli.systems.result import Result
 from pfcli.systems.start_cells import start_cells
 from pfcli.systems.track import TrackKeeper
@@ -137,11 +137,9 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
 def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
     """Every scan is recorded; one that has moved far enough updates the filter."""
     state.track.see(sweep)
-    now = np.array([sweep.odometry], np.float64)
-    moved = between(state.odometry, now)[0]
     first = not state.stamps_ns
-    way = float(np.hypot(moved[0], moved[1]))
-    if not (first or way >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad):
+    now, moved, way, far = step_since(state.odometry, sweep.odometry, params)
+    if not (first or far):
         return state, None
     scan = _end_points(sweep, params)
     if scan.shape[1] == 0:

@@ -7,6 +7,7 @@ from pfcli.core.geometry import wrap
 from pfcli.core.grid.region import Region, crosses_wall, place_at
 from pfcli.core.jit import kernel
 from pfcli.core.resample.kld import bound, occupied_bins
+from pfcli.core.resample.systematic import choose
 from pfcli.core.threads import spread
 
 FIRST, LAST = 2, 6
@@ -102,7 +103,7 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
     n = poses.shape[0]
     room = n + (LAST - FIRST + 1) * most
     new_poses, new_classes, new_weights = np.empty((room, 3)), np.empty(room, np.uint8), np.empty(room)
-    members, chosen = np.empty(n, np.int64), np.empty(max(most, 1), np.int64)
+    members = np.empty(n, np.int64)
     count = 0
     for k in range(FIRST, LAST + 1):
         m, mass, squares = 0, 0.0, 0.0
@@ -121,26 +122,14 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
                 new_poses[count], new_classes[count], new_weights[count] = poses[members[j]], k, weights[members[j]]
                 count += 1
             continue
-        wanted = _draw(members, m, weights, mass, u[k], limit, chosen)
+        cluster = members[:m]
+        wanted = limit
+        chosen = cluster[choose(weights[cluster], u[k], wanted)]
         if error > 0.0:
-            bins = occupied_bins(poses, chosen[:wanted], side_m, side_rad)
-            wanted = _draw(
-                members, m, weights, mass, u[k], max(min(least, limit), min(limit, bound(bins, error, 2.33))), chosen
-            )
+            bins = occupied_bins(poses, chosen, side_m, side_rad)
+            wanted = max(min(least, limit), min(limit, bound(bins, error, 2.33)))
+            chosen = cluster[choose(weights[cluster], u[k], wanted)]
         for j in range(wanted):
             new_poses[count], new_classes[count], new_weights[count] = poses[chosen[j]], k, mass / wanted
             count += 1
     return new_poses[:count], new_classes[:count], new_weights[:count]
-
-
-@kernel
-def _draw(members, m, weights, mass, u, wanted, chosen):  # type: ignore[no-untyped-def]
-    """Systematic choice of `wanted` members into `chosen`."""
-    total, k = weights[members[0]], 0
-    for j in range(wanted):
-        pointer = (j + u) / wanted * mass
-        while pointer >= total and k < m - 1:
-            k += 1
-            total += weights[members[k]]
-        chosen[j] = members[k]
-    return wanted

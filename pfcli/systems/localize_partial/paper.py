@@ -13,8 +13,9 @@ from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import kernels
-from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, step_noise
+from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count
 from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.pace import step_noise
 
 
 def update(belief: Belief, reading: Reading, assets: Assets, params: Params, draw: Draw) -> Belief:

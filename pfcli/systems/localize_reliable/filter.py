@@ -5,52 +5,38 @@ sets are weighed by the class-conditional measurement model and the decision mod
 the reliability are estimated, and the particles are resampled from the union.
 """
 
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core import estimate, particles
-from pfcli.core.geometry import between
-from pfcli.core.grid.free_space import Features, features_of
-from pfcli.core.grid.region import region_of
-from pfcli.core.grid.scan_points import points_of
-from pfcli.core.motion.odometry import Noise, predict, standard_deviations
+from pfcli.core import estimate
+from pfcli.core.motion.odometry import predict
 from pfcli.core.resample import systematic
-from pfcli.core.sensor import class_conditional, range_beams
-from pfcli.core.sensor.class_conditional import Field, Fit, Model, Scan
-from pfcli.core.sensor.range_beams import Rays
+from pfcli.core.sensor import class_conditional
+from pfcli.core.sensor.class_conditional import Fit, Model, Scan
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.errors import LogError, UsageError
 from pfcli.events import Sweep
-from pfcli.formats import map_yaml
-from pfcli.formats.map_yaml import GridMap
-from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_reliable import decision, sampler
-from pfcli.systems.localize_reliable.decision import Classifier, View
+from pfcli.systems.localize_reliable import decision, sampler, start
+from pfcli.systems.localize_reliable.assets import Assets, gain_of, load, model_of, reach_m, scan_of
+from pfcli.systems.localize_reliable.decision import Classifier
 from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.protection import protection_level_m
 from pfcli.systems.localize_reliable.records import Records
 from pfcli.systems.localize_reliable.residuals import misaligned_share
+from pfcli.systems.pace import step_noise, step_since
 from pfcli.systems.result import Result
-from pfcli.systems.start_cells import start_cells
 from pfcli.systems.track import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
-_START_STAGES = ((0.4, 0.2, 0.08), (0.2, 0.1, 0.04), (0.1, 0.04, 0.02))
-_HIT_SIGMAS = 3.0
-_UNSURE = 4
-"""So many times more particles are kept while no hypothesis holds nine tenths of the mass."""
 
 
 class Info(NamedTuple):
     """One update, as a row of `metrics.parquet`; mae_m, hits, through, unknown_share, misaligned: of the scan at the
-    estimate;
-    gl_*: global samples drawn, their matches of key points, and their share of the mass."""
+    estimate; gl_*: global samples drawn, their matches of key points, and their share of the mass."""
 
     t_ns: int
     p_success: float
@@ -72,23 +58,10 @@ class Info(NamedTuple):
     beams: int
 
 
-class Assets(NamedTuple):
-    """The map in all forms: field of distances, free-space features, rays; where to start; digest of the map."""
-
-    grid: GridMap
-    field: Field
-    features: Features
-    rays: Rays
-    start_xy: NDArray[np.float64]
-    free_xy: NDArray[np.float64]
-    initial: Initial
-    digest: str
-
-
 class State(NamedTuple):
-    """pose (n, 3), log weight (n,) and p(success) (n,) of each particle; believed (n,): of the
-    hypothesis that was reported last; odometry (1, 3) of the last update; key scans;
-    stamp of the last global sampling; what was learnt of the map; what the end of the run needs."""
+    """pose (n, 3), log weight (n,) and p(success) (n,) of each particle; believed (n,): of the hypothesis that was
+    reported last; odometry (1, 3) of the last update; key scans; stamp of the last global sampling; what was learnt of
+    the map; what the end of the run needs."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -102,54 +75,6 @@ class State(NamedTuple):
     track: TrackKeeper
     frames: FrameKeeper
     records: Records
-
-
-def load(params: Params, job: Any) -> Assets:
-    """Read the map. Raises LogError where nobody could stand in it, UsageError for a start outside."""
-    grid = map_yaml.read(job.map)
-    region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
-    if region.free_xy.size == 0:
-        raise LogError(f"{job.map}: has no free cells")
-    if not (grid.cells == 1).any():
-        raise LogError(f"{job.map}: has no occupied cells, so no scan can be compared with it")
-    if job.initial.kind == "outside":
-        raise UsageError("--initial outside: localize-reliable knows no outside; localize-partial does")
-    field = class_conditional.build(grid.cells, grid.resolution_m, grid.origin)
-    flat = grid._replace(origin=grid.origin._replace(yaw_rad=0.0))
-    features = features_of(flat.cells != 0, flat.cells == 0, flat.resolution_m, flat.origin[:2])
-    rays = range_beams.rays_of(grid.cells, grid.resolution_m, grid.origin, 30.0)
-    cells = start_cells(region, job.initial, job.map)
-    return Assets(grid, field, _turned(features, grid), rays, cells, region.free_xy, job.initial, map_yaml.digest(grid))
-
-
-def _turned(features: Features, grid: GridMap) -> Features:
-    """Features of a map whose grid is turned against its frame: places and gradient directions turn with it."""
-    x, y, yaw = grid.origin
-    if yaw == 0.0 or features.kind.size == 0:
-        return features
-    c, s = np.cos(yaw), np.sin(yaw)
-    away = features.xy_m - [x, y]
-    bins = features.slopes.shape[1]
-    slopes = np.roll(features.slopes, round(yaw / (2 * np.pi) * bins), axis=1)
-    return features._replace(xy_m=away @ np.array([[c, s], [-s, c]]) + [x, y], slopes=slopes)
-
-
-def model_of(params: Params, range_m: float) -> Model:
-    """The measurement model for a scanner of this range."""
-    return Model(
-        params.sigma_hit_m,
-        params.z_hit,
-        params.z_rand,
-        params.known_prior,
-        params.unknown_rate_per_m,
-        range_m,
-        params.mae_top_m,
-        _HIT_SIGMAS * params.sigma_hit_m,
-    )
-
-
-def _gain(params: Params, scan: Scan) -> float:
-    return min(1.0, params.independent_beams / max(1, scan.range_m.size))
 
 
 def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
@@ -176,16 +101,14 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
 def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
     """Every scan is recorded; one that has moved far enough updates the filter."""
     state.track.see(sweep)
-    now = np.array([sweep.odometry], np.float64)
-    moved = between(state.odometry, now)[0]
     first = state.pose.shape[0] == 0
-    way = float(np.hypot(moved[0], moved[1]))
-    if not (first or way >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad):
+    now, moved, way, far = step_since(state.odometry, sweep.odometry, params)
+    if not (first or far):
         return state, None
     scan, points = scan_of(sweep, params)
     if scan.range_m.size == 0:
         return state, None
-    model = model_of(params, _reach(sweep, params))
+    model = model_of(params, reach_m(sweep, params))
     if first:
         state = _begin(state, scan, sweep, model, assets, params, draw)
     else:
@@ -197,77 +120,23 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, moved))
 
 
-def _reach(sweep: Sweep, params: Params) -> float:
-    return float(min(params.max_range_m or sweep.scan.range_max_m, 100.0))
-
-
-def scan_of(sweep: Sweep, params: Params) -> tuple[Scan, NDArray[np.float64]]:
-    """The beams for the filter, and all end points (b, 2) for the global localiser."""
-    scan = sweep.scan
-    angles = (scan.angle_min_rad, scan.angle_increment_rad)
-    limits = (scan.range_min_m, params.max_range_m or scan.range_max_m)
-    points = points_of(scan.ranges_m, angles, limits, scan.mount, 1, 0.0, 1.0).ends
-    sensor = np.array(scan.mount[:2], np.float64)
-    chosen = points[:: max(1, -(-points.shape[0] // params.beams))]
-    return class_conditional.scan_of(chosen, sensor), points
-
-
 def _begin(state: State, scan: Scan, sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> State:
-    """Particles as `--initial` says, gathered where the first scan fits; the decision model, learnt or read."""
-    rng = draw(Purpose.INIT, sweep.stamp_ns)
-    initial = assets.initial
-    if initial.kind == "pose":
-        pose = particles.gaussian(np.array(initial.pose), np.array(initial.sd), params.particles, rng)
-    else:
-        half = assets.grid.resolution_m / 2
-        pose = particles.uniform(assets.start_xy, half, params.start_particles, rng, initial.heading)
-        before, gain = np.zeros(pose.shape[0]), _gain(params, scan)
-        for sigma_m, jitter_m, jitter_rad in _START_STAGES:
-            wide = model._replace(sigma_m=sigma_m)
-            log = gain * class_conditional.fit(pose, scan, assets.field, wide).log_likelihood
-            weights, _ = normalize(log - before)
-            pose = pose[systematic.choose(weights, rng.random(), min(_UNSURE * params.particles, pose.shape[0]))]
-            pose = pose + np.array([jitter_m, jitter_m, jitter_rad]) * rng.standard_normal(pose.shape)
-            before = gain * class_conditional.fit(pose, scan, assets.field, wide).log_likelihood
+    """The first particles; nothing speaks for or against them yet."""
+    pose = start.scatter(scan, model, assets, params, draw(Purpose.INIT, sweep.stamp_ns))
     n = pose.shape[0]
-    found = _classifier(sweep, model, assets, params, draw) if params.estimate_reliability else None
     return state._replace(
         pose=pose,
         log_w=np.full(n, -np.log(n)),
         reliability=np.full(n, 0.5),
         believed=np.ones(n, np.bool_),
-        classifier=found,
+        classifier=start.classifier_for(sweep, model, assets, params, draw) if params.estimate_reliability else None,
     )
-
-
-def view_of(sweep: Sweep, params: Params) -> View:
-    """The sensor as the decision model sees it."""
-    scan = sweep.scan
-    stride = max(1, -(-scan.ranges_m.size // params.beams))
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.arange(0, scan.ranges_m.size, stride)
-    return View(np.array(scan.mount, np.float64), np.asarray(angles, np.float64), _reach(sweep, params))
-
-
-def _classifier(sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> Classifier:
-    view = view_of(sweep, params)
-    if params.classifier:
-        return decision.load(Path(params.classifier), assets.digest, view)
-    rng = draw(Purpose.CALIBRATE, sweep.stamp_ns)
-    return decision.learn(assets.rays, assets.free_xy, assets.field, model, view, rng)
 
 
 def _predict(state: State, moved: NDArray[np.float64], stamp_ns: int, params: Params, draw: Draw) -> State:
     """Motion of the particles, decay of their reliabilities; failure never becomes success by moving."""
-    noise = Noise(
-        params.motion_xy_per_m,
-        params.motion_xy_per_rad_m,
-        params.motion_xy_m,
-        params.motion_yaw_per_rad,
-        params.motion_yaw_per_m_rad,
-        params.motion_yaw_rad,
-    )
     z = draw(Purpose.MOTION, stamp_ns).standard_normal(state.pose.shape)
-    pose = predict(state.pose, moved, standard_deviations(moved, noise), z)
+    pose = predict(state.pose, moved, step_noise(moved, params), z)
     d2, a2 = moved[0] ** 2 + moved[1] ** 2, moved[2] ** 2
     left = max(0.0, 1.0 - params.decay_per_m2 * d2 - params.decay_per_rad2 * a2)
     return state._replace(pose=pose, reliability=state.reliability * left)
@@ -296,7 +165,7 @@ def _weigh(
     draw: Draw,
 ) -> tuple[State, int, int]:
     """The scan weighs the particles, and the global samples beside them where these are due."""
-    gain = _gain(params, scan)
+    gain = gain_of(params, scan)
     fit = class_conditional.fit(state.pose, scan, assets.field, model)
     log, reliability = _judge(fit, state.reliability, gain, state.classifier, params)
     sure = float(np.exp(state.log_w) @ state.reliability)
@@ -304,18 +173,9 @@ def _weigh(
     due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
     if not due or (params.gl_gate and sure >= 0.5):
         return state._replace(log_w=log_w, reliability=reliability), 0, 0
-    found, matches = sampler.sample(
-        state.history,
-        key,
-        scan,
-        assets.features,
-        assets.free_xy,
-        assets.field,
-        model,
-        gain,
-        params.gl_samples,
-        draw(Purpose.INJECT, stamp_ns),
-    )
+    rng = draw(Purpose.INJECT, stamp_ns)
+    found, matches = sampler.candidates(state.history, key, assets.features, assets.free_xy, rng)
+    found = sampler.gather(found, sampler.STAGES, params.gl_samples, scan, assets.field, model, gain, rng)
     prior = np.exp(state.log_w)
     area = assets.free_xy.shape[0] * assets.grid.resolution_m**2
     importance = sampler.log_importance(found, state.pose, prior, params.gl_uniform, area)
@@ -349,7 +209,7 @@ def _conclude(
     inside = estimate.members(state.pose, found.pose, _MODE_M, _MODE_RAD)
     p_success = float(weights[inside] @ state.reliability[inside])
     fit = class_conditional.fit(found.pose[None], scan, assets.field, model)
-    p_unknown, away, _ = class_conditional.classes(found.pose, scan, assets.field, model)
+    p_unknown, away = class_conditional.classes(found.pose, scan, assets.field, model)
     unknown = p_unknown >= params.unknown_threshold
     state.track.update(found.pose, found.cov)
     protection = protection_level_m(found.cov, p_success, assets.grid)
@@ -357,7 +217,7 @@ def _conclude(
     n_eff = float(effective_sample_size(weights))
     labels = np.where(state.reliability >= 0.5, 1, 0).astype(np.uint8)
     state.frames.offer(sweep.stamp_ns, found.pose, state.pose, scan.ends.T, labels)
-    wanted = params.particles if found.mass >= 0.9 else _UNSURE * params.particles
+    wanted = params.particles if found.mass >= 0.9 else start.UNSURE * params.particles
     count = int(inside.sum())
     resample = drawn > 0 or count > 2 * wanted or n_eff < params.resample_threshold * count
     info = Info(

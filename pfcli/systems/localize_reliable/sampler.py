@@ -17,9 +17,9 @@ from pfcli.core.sensor import class_conditional
 from pfcli.core.sensor.class_conditional import Field, Model, Scan
 from pfcli.core.weights import normalize
 
-_CANDIDATES, _CELL_M, _HALF_M, _NEAR_M = 4000, 0.05, 6.0, 8.0
+_CANDIDATES, _CELL_M, _HALF_M = 4000, 0.05, 6.0
 _KEY_M, _KEY_RAD = 0.3, 0.5
-_STAGES = ((0.2, 0.1, 0.05), (0.1, 0.04, 0.02))
+STAGES = ((0.2, 0.1, 0.05), (0.1, 0.04, 0.02))
 """Spread of hits (m) of each narrowing, and the jitter after it (m, rad)."""
 _KERNEL_M, _KERNEL_RAD = 0.1, 0.05
 
@@ -42,20 +42,11 @@ def remember(history: list[KeyScan], scan: KeyScan, most: int) -> None:
     del history[: max(0, len(history) - most)]
 
 
-def sample(
-    history: list[KeyScan],
-    now: KeyScan,
-    scan: Scan,
-    known: Features,
-    free_xy: NDArray[np.float64],
-    field: Field,
-    model: Model,
-    gain: float,
-    wanted: int,
-    rng: np.random.Generator,
+def candidates(
+    history: list[KeyScan], now: KeyScan, known: Features, free_xy: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], int]:
-    """(wanted, 3) poses where key points of the last scans lie on those of the map and the scan fits; how many matches
-    there were. Where the map or the scans have no key point, places are drawn uniformly instead."""
+    """(n, 3) poses where key points of the last scans lie on those of the map; how many matches there were. Where the map
+    or the scans have no key point, places are drawn uniformly instead."""
     scans = [*(k for k in history if k is not now), now]
     moved = [between(now.odometry, k.odometry) for k in scans]
     joined = [
@@ -64,19 +55,35 @@ def sample(
     origins = np.array([compose(m, np.array([[*k.sensor, 0.0]]))[0, :2] for m, k in zip(moved, scans, strict=True)])
     seen = free_space.local_features(joined, origins, _CELL_M, _HALF_M)
     found = free_space.match(seen, known, _CANDIDATES).pose
-    matches = found.shape[0]
-    if matches == 0:
-        xy = free_xy[rng.integers(free_xy.shape[0], size=_CANDIDATES)]
-        found = np.column_stack([xy, rng.uniform(-np.pi, np.pi, _CANDIDATES)])
-    before = np.zeros(found.shape[0])
-    for sigma_m, jitter_m, jitter_rad in _STAGES:
+    if found.shape[0]:
+        return found, found.shape[0]
+    xy = free_xy[rng.integers(free_xy.shape[0], size=_CANDIDATES)]
+    return np.column_stack([xy, rng.uniform(-np.pi, np.pi, _CANDIDATES)]), 0
+
+
+def gather(
+    poses: NDArray[np.float64],
+    stages: tuple[tuple[float, float, float], ...],
+    wanted: int,
+    scan: Scan,
+    field: Field,
+    model: Model,
+    gain: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """(wanted, 3) of blind poses (n, 3), where the scan fits, through ever narrower likelihoods (Del Moral 2006).
+
+    stages: spread of hits (m) of each, and the jitter after it (m, rad); gain: what one beam is worth.
+    """
+    before = np.zeros(poses.shape[0])
+    for sigma_m, jitter_m, jitter_rad in stages:
         wide = model._replace(sigma_m=sigma_m)
-        log = gain * class_conditional.fit(found, scan, field, wide).log_likelihood
+        log = gain * class_conditional.fit(poses, scan, field, wide).log_likelihood
         weights, _ = normalize(log - before)
-        found = found[systematic.choose(weights, rng.random(), wanted)]
-        found = found + np.array([jitter_m, jitter_m, jitter_rad]) * rng.standard_normal(found.shape)
-        before = gain * class_conditional.fit(found, scan, field, wide).log_likelihood
-    return found, matches
+        poses = poses[systematic.choose(weights, rng.random(), wanted)]
+        poses = poses + np.array([jitter_m, jitter_m, jitter_rad]) * rng.standard_normal(poses.shape)
+        before = gain * class_conditional.fit(poses, scan, field, wide).log_likelihood
+    return poses
 
 
 @kernel

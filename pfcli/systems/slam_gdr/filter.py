@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import between, compose, spread_residual
 from pfcli.core.grid import scan_match, tiles
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
-from pfcli.core.motion.odometry import Noise, information
+from pfcli.core.motion.odometry import information
 from pfcli.core.resample import csw, gdr, stratified, systematic
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Pose2, Sweep
@@ -20,6 +20,7 @@ from pfcli.formats.map_yaml import GridMap
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.pace import noise_of, step_since
 from pfcli.systems.result import Result, Track
 from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
 from pfcli.systems.slam_gdr.params import Params
@@ -98,10 +99,8 @@ def step(state: State, sweep: Sweep, assets: None, params: Params, draw: Draw) -
     history.stamps_ns.append(sweep.stamp_ns)
     history.odometry.append(sweep.odometry)
     history.sources.append(sweep.source_stamp)
-    now = np.array([sweep.odometry], np.float64)
-    moved = between(state.odometry, now)[0]
     first = not history.poses
-    far = np.hypot(moved[0], moved[1]) >= params.update_distance_m or abs(moved[2]) >= params.update_angle_rad
+    now, moved, _, far = step_since(state.odometry, sweep.odometry, params)
     if not (first or far):
         return state, None
     points = _points(sweep, params)
@@ -176,14 +175,7 @@ def _update(
 
 def _match(state: State, moved: NDArray[np.float64], points: Points, params: Params) -> scan_match.Match:
     """Predict by odometry, look around with the leading particle, refine every particle (sections 2.2, 1 and 2)."""
-    noise = Noise(
-        params.motion_xy_per_m,
-        params.motion_xy_per_rad_m,
-        params.motion_xy_m,
-        params.motion_yaw_per_rad,
-        params.motion_yaw_per_m_rad,
-        params.motion_yaw_rad,
-    )
+    noise = noise_of(params)
     matcher = scan_match.Matcher(
         sigma_m=params.sigma_hit_m,
         wide_m=params.match_width_m,

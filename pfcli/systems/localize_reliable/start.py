@@ -1,0 +1,39 @@
+"""The first particles, and what is learnt of the map before the first scan is judged."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import particles
+from pfcli.core.sensor.class_conditional import Model, Scan
+from pfcli.events import Sweep
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.localize_reliable import decision, sampler
+from pfcli.systems.localize_reliable.assets import Assets, gain_of, view_of
+from pfcli.systems.localize_reliable.decision import Classifier
+from pfcli.systems.localize_reliable.params import Params
+
+_STAGES = ((0.4, 0.2, 0.08), (0.2, 0.1, 0.04), (0.1, 0.04, 0.02))
+UNSURE = 4
+"""So many times more particles are kept while no hypothesis holds nine tenths of the mass."""
+
+
+def scatter(scan: Scan, model: Model, assets: Assets, params: Params, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(n, 3) poses as `--initial` says, gathered where the first scan fits."""
+    initial = assets.initial
+    if initial.kind == "pose":
+        return particles.gaussian(np.array(initial.pose), np.array(initial.sd), params.particles, rng)
+    half = assets.grid.resolution_m / 2
+    pose = particles.uniform(assets.start_xy, half, params.start_particles, rng, initial.heading)
+    wanted = min(UNSURE * params.particles, pose.shape[0])
+    return sampler.gather(pose, _STAGES, wanted, scan, assets.field, model, gain_of(params, scan), rng)
+
+
+def classifier_for(sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> Classifier:
+    """The decision model for this scanner: read, or learnt from the map."""
+    view = view_of(sweep, params)
+    if params.classifier:
+        return decision.load(Path(params.classifier), assets.digest, view)
+    rng = draw(Purpose.CALIBRATE, sweep.stamp_ns)
+    return decision.learn(assets.rays, assets.free_xy, assets.field, model, view, rng)
