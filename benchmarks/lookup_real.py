@@ -57,7 +57,7 @@ def job(
     name: str, log: Path, params: dict[str, Any], seed: int, wheels: tuple[float, float] | None, **more: Any
 ) -> run.Run:
     found = system(name)
-    drive = align.Drive(None, wheels[0], wheels[0], wheels[1]) if wheels else align.Drive()
+    drive = align.Drive(radius_m=(wheels[0],), track_m=wheels[1]) if wheels else align.Drive()
     return run.execute(run.Job(found, build(found.params, params, "b"), [log], seed, drive=drive, **more))
 
 

@@ -31,7 +31,7 @@ from pfcli.simulate.scenario import WHEEL_RADIUS_M
 from pfcli.systems.localize_lookup.beams import beams_of
 
 LOOKUP = system("localize-lookup")
-DRIVE = align.Drive(None, WHEEL_RADIUS_M, WHEEL_RADIUS_M, 0.33)
+DRIVE = align.Drive(radius_m=(WHEEL_RADIUS_M,), track_m=0.33)
 FILTERS: dict[str, dict[str, Any]] = {
     "corrected": {"start_density_per_m2": 0.0},
     "paper": {"variant": "paper"},

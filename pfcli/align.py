@@ -3,17 +3,24 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pfcli.core.motion import wheels
 from pfcli.errors import UsageError
 from pfcli.events import (
     Event,
+    Heading,
+    Landmarks,
+    LinePoints,
     Odometry,
     Range,
     Ranges,
+    Rolling,
     Scan,
+    Sighting,
     Sounding,
     SourceStamp,
     Sweep,
@@ -36,22 +43,71 @@ ROLES = {
     "imu": ("imu",),
 }
 
+BASES = ("differential", "omni", "mecanum")
+_CORNERS = (("front", "left"), ("front", "right"), ("rear", "left"), ("rear", "right"))
+
 _FASTEST_MPS, _SHORTEST_S = 30.0, 0.1
 """No wheel of a robot runs faster; stamps of one burst may be nearer to each other than the motion they report."""
 
 
 class Drive(NamedTuple):
-    """A differential drive: the joints of the left and right wheel, their radii and the track width (m)."""
+    """A wheel base. base: `differential` (track_m), `omni` (arm_m from the centre; angle_deg: the paper's phi of four
+    wheels, or the bearing of each wheel) or `mecanum` (track_m, axles_m apart). joints: of the wheels, in the base's order;
+    radius_m: one for all, or one for each; ticks_per_turn: of joints whose position counts ticks (0: it is in rad)."""
 
-    joints: tuple[str, str] | None = None
-    radius_left_m: float = 0.0
-    radius_right_m: float = 0.0
+    base: str = "differential"
+    joints: tuple[str, ...] | None = None
+    radius_m: tuple[float, ...] = ()
     track_m: float = 0.0
+    axles_m: float = 0.0
+    arm_m: float = 0.0
+    angle_deg: tuple[float, ...] = ()
+    ticks_per_turn: float = 0.0
+
+    @property
+    def sides(self) -> tuple[tuple[str, ...], ...]:
+        """Words that tell the wheels of this base by their joints' names, in order; empty where names do not tell."""
+        if self.base == "differential":
+            return (("left",), ("right",))
+        if self.base == "mecanum":
+            return _CORNERS
+        return tuple(_CORNERS[k] for k in (2, 0, 1, 3)) if len(self.angle_deg) == 1 else ()
+
+    def jacobian(self) -> wheels.Jacobian:
+        """Travel of each wheel per step of the robot. Raises UsageError naming the flag whose value is missing."""
+        needed = {
+            "differential": [("--track-width-m", self.track_m)],
+            "omni": [("--wheel-arm-m", self.arm_m), ("--wheel-angle-deg", float(len(self.angle_deg)))],
+            "mecanum": [("--track-width-m", self.track_m), ("--axle-distance-m", self.axles_m)],
+        }[self.base]
+        missing = [
+            name for name, value in [("--wheel-radius-m", min(self.radius_m, default=0.0)), *needed] if value <= 0
+        ]
+        if missing:
+            raise UsageError(f"motion from encoders of a {self.base} base needs {' and '.join(missing)} (> 0)")
+        if self.base == "differential":
+            return wheels.differential(self.track_m)
+        if self.base == "mecanum":
+            return wheels.mecanum(self.axles_m / 2, self.track_m / 2)
+        bearings = [math.radians(a) for a in self.angle_deg]
+        if len(bearings) == 1:
+            if not 0.0 < self.angle_deg[0] < 90.0:
+                raise UsageError(
+                    "--wheel-angle-deg: the angle of four wheels lies between 0 and 90; or give one per wheel"
+                )
+            bearings = list(wheels.four_places(bearings[0]))
+        if len(bearings) < 3:
+            raise UsageError("--wheel-angle-deg: an omni base has three wheels or more; give the bearing of each")
+        return wheels.omni(bearings, [self.arm_m] * len(bearings))
 
 
 class DeadReckoning:
-    """Turns motion events into odometry poses (Zhang 2014, eqs (2)-(4)); ticks may wrap at 32 bits, and a jump of theirs
-    that no robot can drive is counted in `loss` and left out."""
+    """Turns motion events into odometry poses (Zhang 2014, eqs (2)-(4); Zhang 2011, eq. (3)); ticks may wrap at 32 bits, and
+    a jump of theirs that no robot can drive is counted in `loss` and left out.
+
+    rolled: (2, k), how far each wheel has rolled, with its sign and without (m); jacobian: of the base, None before the
+    first encoder message.
+    """
 
     def __init__(self, source: str, drive: Drive, loss: Loss | None = None) -> None:
         self._loss = Loss() if loss is None else loss
@@ -60,7 +116,13 @@ class DeadReckoning:
         self._pose = (0.0, 0.0, 0.0)
         self._last_ns: int | None = None
         self._last_speed = (0.0, 0.0, 0.0)
-        self._wheels: tuple[float, float] | None = None
+        self._names: tuple[str, ...] = ()
+        self._order = np.empty(0, np.int64)
+        self._radius = np.empty(0)
+        self._back = np.empty((3, 0))
+        self._wheels: NDArray[Any] | None = None
+        self.jacobian: wheels.Jacobian | None = None
+        self.rolled = np.zeros((2, 0))
         self._yaw_rate = 0.0
         self._speed = 0.0
 
@@ -103,60 +165,77 @@ class DeadReckoning:
     def _roll(self, event: Wheels | Ticks) -> Odometry | None:
         if not event.names:
             return None
-        left, right = self._pick(event.names)
-        drive = self._drive
+        if event.names != self._names:
+            self._rig(event.names)
+        turn = (
+            2
+            * math.pi
+            / (event.ticks_per_turn if isinstance(event, Ticks) else self._drive.ticks_per_turn or 2 * math.pi)
+        )
         if isinstance(event, Ticks):
-            turn = 2 * math.pi / event.ticks_per_turn
-            counts = (int(event.ticks[left]), int(event.ticks[right]))
+            counts = event.ticks[self._order]
             if not event.cumulative:
-                angles = (counts[0] * turn, counts[1] * turn)
-                return self._wheel_step(event.stamp_ns, angles)
-            before, self._wheels = self._wheels, (float(counts[0]), float(counts[1]))
+                return self._wheel_step(event.stamp_ns, counts * turn)
+            before, self._wheels = self._wheels, counts
             if before is None:
-                self._last_ns = event.stamp_ns
-                return Odometry(event.stamp_ns, *self._pose)
-            steps = [_unwrapped(now - int(old)) * turn for now, old in zip(counts, before, strict=True)]
-            return self._wheel_step(event.stamp_ns, (steps[0], steps[1]))
-        position = (float(event.position_rad[left]), float(event.position_rad[right]))
-        if all(math.isfinite(p) for p in position):
+                return self._stand(event.stamp_ns)
+            steps = [_unwrapped(now - old) for now, old in zip(counts.tolist(), before.tolist(), strict=True)]
+            return self._wheel_step(event.stamp_ns, np.array(steps) * turn)
+        position = event.position_rad[self._order]
+        if np.isfinite(position).all():
             before, self._wheels = self._wheels, position
             if before is None:
-                self._last_ns = event.stamp_ns
-                return Odometry(event.stamp_ns, *self._pose)
-            return self._wheel_step(event.stamp_ns, (position[0] - before[0], position[1] - before[1]))
-        speed = (
-            float(event.velocity_radps[left]) * drive.radius_left_m,
-            float(event.velocity_radps[right]) * drive.radius_right_m,
-        )
-        return self._integrate(event.stamp_ns, ((speed[0] + speed[1]) / 2, 0.0, (speed[1] - speed[0]) / drive.track_m))
+                return self._stand(event.stamp_ns)
+            return self._wheel_step(event.stamp_ns, (position - before) * turn)
+        speed = self._back @ (event.velocity_radps[self._order] * self._radius)
+        return self._integrate(event.stamp_ns, (float(speed[0]), float(speed[1]), float(speed[2])))
 
-    def _wheel_step(self, stamp_ns: int, angles: tuple[float, float]) -> Odometry:
-        left, right = angles[0] * self._drive.radius_left_m, angles[1] * self._drive.radius_right_m
+    def _stand(self, stamp_ns: int) -> Odometry:
+        """The first reading of counters says where they stand, not how far the wheels came."""
+        self._last_ns = stamp_ns
+        return Odometry(stamp_ns, *self._pose)
+
+    def _wheel_step(self, stamp_ns: int, angles: NDArray[Any]) -> Odometry:
+        travel = angles * self._radius
+        far = float(np.abs(travel).max())
         seconds = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / SECOND
         self._last_ns = stamp_ns
-        if max(abs(left), abs(right)) > _FASTEST_MPS * max(seconds, _SHORTEST_S):
+        if far > _FASTEST_MPS * max(seconds, _SHORTEST_S):
             self._loss.add(
                 "jump of the encoders",
-                f"wheel encoders jump by {max(abs(left), abs(right)):.1f} m within {seconds:.2f} s; such steps are left out"
+                f"wheel encoders jump by {far:.1f} m within {seconds:.2f} s; such steps are left out"
                 " (a counter that was reset, or --wheel-radius-m is wrong)",
             )
             return Odometry(stamp_ns, *self._pose)
-        return self._advance(stamp_ns, (left + right) / 2, 0.0, (right - left) / self._drive.track_m)
+        self.rolled = self.rolled + np.stack([travel, np.abs(travel)])
+        dx, dy, dyaw = (self._back @ travel).tolist()
+        return self._advance(stamp_ns, dx, dy, dyaw)
 
-    def _pick(self, names: tuple[str, ...]) -> tuple[int, int]:
+    def _rig(self, names: tuple[str, ...]) -> None:
+        """Learn which of the log's joints is which wheel of the base."""
         drive = self._drive
-        if drive.radius_left_m <= 0 or drive.radius_right_m <= 0 or drive.track_m <= 0:
-            raise UsageError("motion from encoders needs --wheel-radius-m and --track-width-m (both > 0)")
+        jacobian = drive.jacobian()
+        count = jacobian.shape[0]
         wanted = drive.joints
         if wanted is None:
-            guess = [[n for n in names if side in n.lower()] for side in ("left", "right")]
-            if len(guess[0]) != 1 or len(guess[1]) != 1:
-                raise UsageError(f"which wheels drive? The log has {', '.join(names)}; say --wheel-joints LEFT,RIGHT")
-            wanted = (guess[0][0], guess[1][0])
+            wanted = tuple(n for side in drive.sides for n in names if all(word in n.lower() for word in side))
+            if len(wanted) != count or len(set(wanted)) != count:
+                order = ",".join(" ".join(side).upper().replace(" ", "_") for side in drive.sides) or "1,2,3,..."
+                raise UsageError(f"which wheel is which? The log has {', '.join(names)}; say --wheel-joints {order}")
+        if len(wanted) != count:
+            raise UsageError(f"--wheel-joints names {len(wanted)} wheels, the {drive.base} base has {count}")
         missing = [w for w in wanted if w not in names]
         if missing:
             raise UsageError(f"--wheel-joints: the log has no joint {missing[0]!r}, but {', '.join(names)}")
-        return names.index(wanted[0]), names.index(wanted[1])
+        if len(drive.radius_m) not in (1, count):
+            raise UsageError(
+                f"--wheel-radius-m is given {len(drive.radius_m)} times; give it once, or once for each of {count} wheels"
+            )
+        self._names, self._order = names, np.array([names.index(w) for w in wanted])
+        self._radius = np.array(drive.radius_m if len(drive.radius_m) == count else drive.radius_m * count)
+        self._back = wheels.inverse(jacobian)
+        self.jacobian = jacobian
+        self.rolled = np.zeros((2, count))
 
 
 def _unwrapped(difference: int) -> int:
@@ -197,50 +276,113 @@ def _round(readings: list[Range]) -> Ranges:
     )
 
 
+def sightings(events: Iterable[Event]) -> Iterator[Event]:
+    """What vision saw at one stamp put together: line points and landmarks. Other events pass."""
+    now: Sighting | None = None
+    for event in events:
+        seen = _sighting(event)
+        if now is not None and (seen is None or seen.stamp_ns != now.stamp_ns):
+            yield now
+            now = None
+        if seen is None:
+            yield event
+        elif now is None:
+            now = seen
+        else:
+            now = now._replace(
+                points_m=np.concatenate([now.points_m, seen.points_m]), landmarks=now.landmarks + seen.landmarks
+            )
+    if now is not None:
+        yield now
+
+
+def _sighting(event: Event) -> Sighting | None:
+    if isinstance(event, LinePoints):
+        return Sighting(event.stamp_ns, (0.0, 0.0, 0.0), event.points_m, ())
+    if isinstance(event, Landmarks):
+        return Sighting(event.stamp_ns, (0.0, 0.0, 0.0), np.empty((0, 2)), (event,))
+    return None
+
+
+class _Instant(NamedTuple):
+    """Odometry at a stamp, and how far each wheel has rolled till then."""
+
+    odometry: Odometry
+    rolled: NDArray[np.float64]
+
+
 def sweeps(
     events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_gap_s: float = 1.0
-) -> Iterator[Sweep | Sounding]:
-    """Scans (or rounds of the range finders) with the odometry pose of their own stamp, interpolated between the motion
-    events around it.
+) -> Iterator[Sweep | Sounding | Sighting]:
+    """Scans (rounds of the range finders, sightings) with the odometry pose of their own stamp, interpolated between the
+    motion events around it.
 
-    A scan before the first or more than `max_gap_s` after the last motion event is counted in `loss`.
+    A reading before the first or more than `max_gap_s` after the last motion event is counted in `loss`.
     """
     reckon = DeadReckoning(source, drive, loss)
-    before: Odometry | None = None
+    before: _Instant | None = None
     text = SourceStamp(-1, "")
-    waiting: deque[tuple[Scan | Ranges, str]] = deque()
-    for event in rounds(events):
-        if isinstance(event, Scan | Ranges):
+    compass = _Compass()
+    waiting: deque[tuple[Scan | Ranges | Sighting, str]] = deque()
+    for event in sightings(rounds(events)):
+        if isinstance(event, Scan | Ranges | Sighting):
             name = text.text if text.stamp_ns == event.stamp_ns else ""
-            if before is not None and before.stamp_ns == event.stamp_ns:
-                yield _joined(event, before[1:4], name)
+            if isinstance(event, Sighting):
+                event = compass.at(event)
+            if before is not None and before.odometry.stamp_ns == event.stamp_ns:
+                yield _joined(event, before, name, reckon)
             else:
                 waiting.append((event, name))
             continue
         if isinstance(event, SourceStamp):
             text = event
             continue
-        after = reckon(event)
-        if after is None:
+        if isinstance(event, Heading):
+            compass.hear(event)
             continue
-        while waiting and waiting[0][0].stamp_ns <= after.stamp_ns:
-            scan, name = waiting.popleft()
-            if before is None and scan.stamp_ns < after.stamp_ns:
-                loss.add("scan before odometry", "scans before the first odometry message have no pose")
+        odometry = reckon(event)
+        if odometry is None:
+            continue
+        after = _Instant(odometry, reckon.rolled)
+        while waiting and waiting[0][0].stamp_ns <= odometry.stamp_ns:
+            reading, name = waiting.popleft()
+            if before is None and reading.stamp_ns < odometry.stamp_ns:
+                what = "sighting" if isinstance(reading, Sighting) else "scan"
+                loss.add(
+                    f"{what} before odometry", f"{what}s before the first message of the motion source have no pose"
+                )
                 continue
             start = before if before is not None else after
-            if (after.stamp_ns - start.stamp_ns) > max_gap_s * SECOND:
-                loss.add(
-                    "gap in odometry",
-                    f"odometry pauses for {(after.stamp_ns - start.stamp_ns) / SECOND:.1f} s; poses there are interpolated",
-                )
-            yield _joined(scan, _interpolate(start, after, scan.stamp_ns), name)
+            gap_s = (odometry.stamp_ns - start.odometry.stamp_ns) / SECOND
+            if gap_s > max_gap_s:
+                loss.add("gap in odometry", f"odometry pauses for {gap_s:.1f} s; poses there are interpolated")
+            yield _joined(reading, _between(start, after, reading.stamp_ns), name, reckon)
         before = after
-    for scan, name in waiting:
-        if before is not None and scan.stamp_ns - before.stamp_ns <= max_gap_s * SECOND:
-            yield _joined(scan, before[1:4], name)
+    for reading, name in waiting:
+        if before is not None and reading.stamp_ns - before.odometry.stamp_ns <= max_gap_s * SECOND:
+            yield _joined(reading, before, name, reckon)
         else:
-            loss.add("scan without odometry", "scans after the last odometry message have no pose")
+            what = "sighting" if isinstance(reading, Sighting) else "scan"
+            loss.add(f"{what} without odometry", f"{what}s after the last message of the motion source have no pose")
+
+
+class _Compass:
+    """The newest reading of the compass, for the sighting that comes next; an old one says nothing."""
+
+    _OLD_NS = SECOND // 2
+
+    def __init__(self) -> None:
+        self._last: Heading | None = None
+
+    def hear(self, heading: Heading) -> None:
+        self._last = heading
+
+    def at(self, sighting: Sighting) -> Sighting:
+        """The sighting with the compass reading that no sighting had yet."""
+        last, self._last = self._last, None
+        if last is None or sighting.stamp_ns - last.stamp_ns > self._OLD_NS:
+            return sighting
+        return sighting._replace(compass=last)
 
 
 def bare(events: Iterable[Event]) -> Iterator[Sweep]:
@@ -248,15 +390,25 @@ def bare(events: Iterable[Event]) -> Iterator[Sweep]:
     return (Sweep(event.stamp_ns, (0.0, 0.0, 0.0), event, "") for event in events if isinstance(event, Scan))
 
 
-def _joined(reading: Scan | Ranges, odometry: tuple[float, float, float], name: str) -> Sweep | Sounding:
+def _joined(
+    reading: Scan | Ranges | Sighting, at: _Instant, name: str, reckon: DeadReckoning
+) -> Sweep | Sounding | Sighting:
+    odometry = at.odometry[1:4]
+    if isinstance(reading, Sighting):
+        rolling = None if reckon.jacobian is None else Rolling(at.rolled, reckon.jacobian)
+        return reading._replace(odometry=odometry, rolling=rolling, source_stamp=name)
     if isinstance(reading, Ranges):
         return Sounding(reading.stamp_ns, odometry, reading, name)
     return Sweep(reading.stamp_ns, odometry, reading, name)
 
 
-def _interpolate(a: Odometry, b: Odometry, stamp_ns: int) -> tuple[float, float, float]:
-    if b.stamp_ns == a.stamp_ns:
-        return b[1:4]
-    s = (stamp_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns)
-    turn = math.remainder(b.yaw_rad - a.yaw_rad, 2 * math.pi)
-    return (a.x_m + s * (b.x_m - a.x_m), a.y_m + s * (b.y_m - a.y_m), math.remainder(a.yaw_rad + s * turn, 2 * math.pi))
+def _between(a: _Instant, b: _Instant, stamp_ns: int) -> _Instant:
+    """Linear in between; the heading goes the short way round."""
+    p, q = a.odometry, b.odometry
+    if q.stamp_ns == p.stamp_ns:
+        return b
+    s = (stamp_ns - p.stamp_ns) / (q.stamp_ns - p.stamp_ns)
+    turn = math.remainder(q.yaw_rad - p.yaw_rad, 2 * math.pi)
+    yaw = math.remainder(p.yaw_rad + s * turn, 2 * math.pi)
+    odometry = Odometry(stamp_ns, p.x_m + s * (q.x_m - p.x_m), p.y_m + s * (q.y_m - p.y_m), yaw)
+    return _Instant(odometry, a.rolled + s * (b.rolled - a.rolled) if a.rolled.size else b.rolled)

@@ -55,7 +55,10 @@ class Ticks(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """Absolute heading of the robot, counter-clockwise from x (rad), with its standard deviation."""
+    """Absolute heading of the robot, counter-clockwise from x (rad), with its standard deviation (NaN if not given).
+
+    Of a magnetic field: x is east.
+    """
 
     stamp_ns: int
     yaw_rad: float
@@ -67,15 +70,6 @@ class YawRate(NamedTuple):
 
     stamp_ns: int
     yaw_rate_radps: float
-
-
-class MagneticField(NamedTuple):
-    """Magnetic field in the sensor's frame (T)."""
-
-    stamp_ns: int
-    x_t: float
-    y_t: float
-    z_t: float
 
 
 class Scan(NamedTuple):
@@ -130,20 +124,46 @@ class Sounding(NamedTuple):
 
 
 class LinePoints(NamedTuple):
-    """Points of field lines, (n, 2) in the base frame (m)."""
+    """Points of field lines, (n, 2) in the base frame (m); pixels: as decoded, before the image's scale is applied."""
 
     stamp_ns: int
     points_m: NDArray[np.float64]
+    pixels: bool = False
 
 
 class Landmarks(NamedTuple):
-    """Detected landmarks: id (n,), range (n,) m, bearing (n,) rad, standard deviations (n, 2), NaN if not given."""
+    """Detected landmarks: id (n,), range (n,) m, bearing (n,) rad, standard deviations (n, 2), NaN if not given.
+
+    pixels: as decoded, before the image's scale is applied.
+    """
 
     stamp_ns: int
     ids: tuple[str, ...]
     range_m: NDArray[np.float64]
     bearing_rad: NDArray[np.float64]
     sigma: NDArray[np.float64]
+    pixels: bool = False
+
+
+class Rolling(NamedTuple):
+    """How far each wheel has rolled since the first message: rolled (2, k), with its sign and without (m); jacobian (k, 3)
+    of the base: travel of each wheel per step of the robot."""
+
+    rolled_m: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+
+
+class Sighting(NamedTuple):
+    """What vision saw at a stamp, with the odometry pose of that stamp: points of field lines (n, 2) in the base frame (m),
+    detected landmarks, the newest reading of the compass, and the wheels where motion comes from encoders."""
+
+    stamp_ns: int
+    odometry: tuple[float, float, float]
+    points_m: NDArray[np.float64]
+    landmarks: tuple["Landmarks", ...]
+    compass: "Heading | None" = None
+    rolling: Rolling | None = None
+    source_stamp: str = ""
 
 
 class Truth(NamedTuple):
@@ -169,12 +189,12 @@ Event = (
     | Ticks
     | Heading
     | YawRate
-    | MagneticField
     | Scan
     | Range
     | Ranges
     | LinePoints
     | Landmarks
+    | Sighting
     | Truth
     | SourceStamp
 )

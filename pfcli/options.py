@@ -8,12 +8,13 @@ from typing import Any
 
 import click
 
-from pfcli.align import SOURCES, Drive
+from pfcli.align import BASES, SOURCES, Drive
 from pfcli.errors import LogError, UsageError, reason
 from pfcli.formats.messages import ROLES
 from pfcli.initial import Initial, parse
 from pfcli.params import build, fields
-from pfcli.replay import Settings
+from pfcli.registry import LOCALISERS, MAPPED
+from pfcli.replay import Image, Settings
 
 _Command = Callable[..., Any]
 
@@ -54,12 +55,7 @@ def build_params(params: type, given: dict[str, Any], file: Path | None) -> Any:
     names = {field.name for field in fields(params)}
     values: dict[str, Any] = {}
     if file is not None:
-        try:
-            values = tomllib.loads(file.read_text())
-        except (OSError, UnicodeDecodeError) as error:
-            raise LogError(f"--params {file}: cannot be read ({reason(error)})") from None
-        except tomllib.TOMLDecodeError as error:
-            raise UsageError(f"--params {file}: is not TOML ({reason(error)})") from None
+        values = _toml(file, "--params")
         build(params, values, f"--params {file}")
     values |= {name: value for name, value in given.items() if name in names and value is not None}
     return build(params, values, "parameters")
@@ -78,46 +74,97 @@ def pairs(flags: tuple[str, ...], flag: str, keys: tuple[str, ...]) -> dict[str,
     return found
 
 
-def settings_of(
-    topic: tuple[str, ...],
-    clock: str,
-    start: float | None,
-    end: float | None,
-    reorder: float,
-    time_offset: tuple[str, ...],
-    extrinsic: tuple[str, ...],
-) -> Settings:
+def settings_of(given: dict[str, Any]) -> Settings:
     """Reading options as Settings."""
     roles = tuple(ROLES)
     offsets = {}
-    for role, text in pairs(time_offset, "--time-offset", roles).items():
+    for role, text in pairs(given["time_offset"], "--time-offset", roles).items():
         try:
             offsets[role] = float(text)
         except ValueError:
             raise UsageError(f"--time-offset {role}={text}: expected seconds") from None
+    start, end = given["start"], given["end"]
     if start is not None and end is not None and end <= start:
         raise UsageError(f"--end {end:g} must be later than --start {start:g}")
-    return Settings(pairs(topic, "--topic", roles), clock, start, end, reorder, offsets, extrinsic)
+    topics = pairs(given["topic"], "--topic", roles)
+    image = _image(given["px_per_cm"], given["image_centre"])
+    return Settings(topics, given["clock"], start, end, given["reorder"], offsets, given["extrinsic"], image)
 
 
-def drive_of(wheel_joints: str | None, radius: tuple[float, ...], track: float) -> Drive:
-    """Wheel options as a Drive; one radius serves both wheels."""
-    joints = None
-    if wheel_joints is not None:
-        parts = [p.strip() for p in wheel_joints.split(",")]
-        if len(parts) != 2 or not all(parts):
-            raise UsageError(f"--wheel-joints {wheel_joints}: expected LEFT,RIGHT")
-        joints = (parts[0], parts[1])
-    left, right = (radius[0], radius[-1]) if radius else (0.0, 0.0)
-    return Drive(joints, left, right, track)
+def _image(px_per_cm: float | None, centre: str | None) -> Image | None:
+    if px_per_cm is None and centre is None:
+        return None
+    try:
+        x, y = (float(v) for v in (centre or "").split(","))
+    except ValueError:
+        raise UsageError("--px-per-cm and --image-centre X,Y (pixels) belong together") from None
+    if px_per_cm is None or not math.isfinite(x + y):
+        raise UsageError("--px-per-cm and --image-centre X,Y (pixels) belong together")
+    return Image(px_per_cm, (x, y))
 
 
-def localiser_options(wanted: bool) -> Callable[[_Command], _Command]:
-    """Options of the systems that localise in a map."""
+_DRIVE_FILE = {
+    "base": "base",
+    "wheel_joints": "joints",
+    "wheel_radius_m": "radius_m",
+    "track_width_m": "track_m",
+    "axle_distance_m": "axles_m",
+    "wheel_arm_m": "arm_m",
+    "wheel_angle_deg": "angle_deg",
+    "joint_ticks_per_turn": "ticks_per_turn",
+}
+"""Name of a wheel flag, and of the field in a `--drive` file -> field of Drive."""
+
+
+def drive_of(given: dict[str, Any]) -> Drive:
+    """Wheel options as a Drive: flag over `--drive` file over default."""
+    values = _drive_file(given["drive_file"]) if given["drive_file"] is not None else {}
+    for flag, field in _DRIVE_FILE.items():
+        value = given[flag]
+        if flag == "wheel_joints" and value is not None:
+            value = tuple(p.strip() for p in value.split(","))
+            if len(value) < 2 or not all(value):
+                raise UsageError(f"--wheel-joints {given[flag]}: expected the names of the wheels, such as LEFT,RIGHT")
+        if value not in (None, ()):
+            values[field] = value
+    return Drive(**values)
+
+
+def _drive_file(path: Path) -> dict[str, Any]:
+    """Fields of a TOML file as `pfcli calibrate-omni` writes it."""
+    values: dict[str, Any] = {}
+    for name, value in _toml(path, "--drive").items():
+        listed = name in ("wheel_joints", "wheel_radius_m", "wheel_angle_deg")
+        items = value if isinstance(value, list) else [value]
+        kind = str if name in ("base", "wheel_joints") else (int, float)
+        good = all(isinstance(v, kind) and not isinstance(v, bool) for v in items) and (listed or len(items) == 1)
+        if name not in _DRIVE_FILE or not good or (name == "base" and value not in BASES):
+            raise UsageError(
+                f"--drive {path}: field {name!r} is unknown or has no legal value; known: {', '.join(_DRIVE_FILE)}"
+            )
+        values[_DRIVE_FILE[name]] = tuple(items) if listed else value
+    return values
+
+
+def _toml(path: Path, flag: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{flag} {path}: cannot be read ({reason(error)})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"{flag} {path}: is not TOML ({reason(error)})") from None
+
+
+def localiser_options(name: str) -> Callable[[_Command], _Command]:
+    """Options of the systems that localise in a given frame: where they start, and the map if they need one."""
 
     def add(command: _Command) -> _Command:
-        if not wanted:
+        if name not in LOCALISERS:
             return command
+        if name in MAPPED:
+            command = click.option(
+                "--map", "map_file", type=click.Path(path_type=Path), required=True, help="Map YAML to localise in."
+            )(command)
         for option in (
             click.option(
                 "--heading-prior", metavar="YAW[,SD]", default=None, help="Heading at the start and its spread (rad)."
@@ -128,9 +175,6 @@ def localiser_options(wanted: bool) -> Callable[[_Command], _Command]:
                 default="unknown",
                 show_default=True,
                 help="unknown, inside, outside, X,Y,YAW[,SDX,SDY,SDYAW] or region:MAP.yaml.",
-            ),
-            click.option(
-                "--map", "map_file", type=click.Path(path_type=Path), required=True, help="Map YAML to localise in."
             ),
         ):
             command = option(command)
@@ -201,14 +245,60 @@ def reading_options(command: _Command) -> _Command:
                 show_default=True,
                 help="Where motion comes from.",
             ),
-            click.option("--wheel-joints", metavar="LEFT,RIGHT", default=None, help="Joints of the driven wheels."),
             click.option(
-                "--wheel-radius-m",
-                type=Finite(0, 100),
-                multiple=True,
-                help="Wheel radius; twice for left and right [m].",
+                "--base",
+                type=click.Choice(BASES),
+                default=None,
+                help="What the wheels are: left and right, omni wheels, mecanum wheels.  (default: differential)",
             ),
-            click.option("--track-width-m", type=Finite(0, 100), default=0.0, help="Distance between the wheels [m]."),
+            click.option(
+                "--wheel-joints",
+                metavar="NAMES",
+                default=None,
+                help="Joints of the wheels, in order, such as LEFT,RIGHT.",
+            ),
+            click.option(
+                "--wheel-radius-m", type=Finite(0, 100), multiple=True, help="Wheel radius; or once for each wheel [m]."
+            ),
+            click.option(
+                "--track-width-m", type=Finite(0, 100), default=None, help="Distance of left and right wheels [m]."
+            ),
+            click.option(
+                "--axle-distance-m",
+                type=Finite(0, 100),
+                default=None,
+                help="Mecanum: distance of front and rear axle [m].",
+            ),
+            click.option(
+                "--wheel-arm-m", type=Finite(0, 100), default=None, help="Omni: from the centre to a wheel [m]."
+            ),
+            click.option(
+                "--wheel-angle-deg",
+                type=Finite(-360, 360),
+                multiple=True,
+                help="Omni: phi of four wheels at 90 + phi, 90 - phi, phi - 90, -phi - 90; or once for each wheel [deg].",
+            ),
+            click.option(
+                "--joint-ticks-per-turn",
+                type=Finite(0, 1e9),
+                default=None,
+                help="JointState.position counts ticks: so many make a turn.",
+            ),
+            click.option(
+                "--drive",
+                "drive_file",
+                type=click.Path(path_type=Path),
+                help="TOML with these options, from calibrate-omni.",
+            ),
+            click.option(
+                "--px-per-cm",
+                type=Finite(0, 1e4, min_open=True),
+                default=None,
+                help="Vision in pixels: its scale (0.286).",
+            ),
+            click.option(
+                "--image-centre", metavar="X,Y", default=None, help="Vision in pixels: where the robot is in it."
+            ),
         )
     ):
         command = option(command)

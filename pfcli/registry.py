@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 SYSTEMS = {
+    "fuse-soccer": "pfcli.systems.fuse_soccer.filter:SYSTEM",
     "localize-lookup": "pfcli.systems.localize_lookup.filter:SYSTEM",
     "localize-partial": "pfcli.systems.localize_partial.filter:SYSTEM",
     "localize-reliable": "pfcli.systems.localize_reliable.filter:SYSTEM",
@@ -12,16 +13,21 @@ SYSTEMS = {
 }
 
 PARAMS = {
+    "fuse-soccer": "pfcli.systems.fuse_soccer.params:Params",
     "localize-lookup": "pfcli.systems.localize_lookup.params:Params",
     "localize-partial": "pfcli.systems.localize_partial.params:Params",
     "localize-reliable": "pfcli.systems.localize_reliable.params:Params",
     "slam-gdr": "pfcli.systems.slam_gdr.params:Params",
 }
 
-LOCALISERS = frozenset({"localize-lookup", "localize-partial", "localize-reliable"})
-"""Systems that need a map and a start: their commands have --map, --initial and --heading-prior."""
+MAPPED = frozenset({"localize-lookup", "localize-partial", "localize-reliable"})
+"""Systems that need a map: their commands have --map."""
+
+LOCALISERS = MAPPED | {"fuse-soccer"}
+"""Systems whose poses are in a frame that is given: their commands have --initial and --heading-prior."""
 
 SUMMARY = {
+    "fuse-soccer": "A soccer robot on its field, from wheels, field lines and landmarks, and a compass.",
     "localize-lookup": "Global localisation: headings from one match, ranges from a precomputed table.",
     "localize-partial": "Monte Carlo localisation in an incomplete map: where, and is the robot in the map at all?",
     "localize-reliable": "A pose that says whether it can be trusted, which beams the map explains, and finds itself again.",
@@ -32,7 +38,7 @@ SUMMARY = {
 class System(NamedTuple):
     """One particle-filter system.
 
-    needs: alternatives, each a set of event kinds that is enough to run; wants: what it can use beside them;
+    needs: alternatives, each a set of event kinds that is enough to run; wants: kinds that are read whenever the log has them;
     load(params, settings) -> assets (tables, maps); init(params, assets, first odometry pose, draw) -> state;
     step(state, reading, assets, params, draw) -> (state, Info or None); finish(state, ...) -> Result.
     """
@@ -45,6 +51,7 @@ class System(NamedTuple):
     init: Callable[..., Any]
     step: Callable[..., Any]
     finish: Callable[..., Any]
+    wants: tuple[str, ...] = ()
 
 
 def _resolve(target: str) -> Any:

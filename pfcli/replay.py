@@ -13,12 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.geometry import compose
 from pfcli.core.jit import kernel
 from pfcli.errors import UsageError, printable
-from pfcli.events import Event, Odometry, Range, Scan, Truth
+from pfcli.events import Event, Landmarks, LinePoints, Odometry, Pose2, Range, Scan, Truth
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
 from pfcli.formats.mcap_records import Batch, Channel, McapFile
 from pfcli.formats.messages import (
+    MANY,
     RANK,
     ROLES,
     SECOND,
@@ -33,12 +35,27 @@ from pfcli.formats.messages import (
 SOURCE_STAMP_TOPIC = "/source_stamp"
 _TF = "tf2_msgs/msg/TFMessage"
 _TRUTH_NAMES = ("truth", "ground_truth", "groundtruth", "mocap", "reference")
-_MOUNTED = (Scan, Range)
+_MOUNTED = (Scan, Range, LinePoints, Landmarks)
 _FAR_NS = 10 * 365 * 86400 * SECOND
 
 
+class Image(NamedTuple):
+    """What turns pixels of an omnidirectional camera into metres (Zhang 2011, eq. (5)): scale (pixels per cm) and centre
+    (pixels); up in the image is ahead."""
+
+    px_per_cm: float
+    centre_px: tuple[float, float]
+
+    def metres(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (n, 2) of the image (right, down) in the robot's frame (ahead, left)."""
+        ahead = self.centre_px[1] - points_px[:, 1]
+        left = self.centre_px[0] - points_px[:, 0]
+        return np.column_stack([ahead, left]) / (100.0 * self.px_per_cm)
+
+
 class Settings(NamedTuple):
-    """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s) and extrinsics."""
+    """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, and the
+    image of vision that gives pixels."""
 
     topics: Mapping[str, str] = {}
     clock: str = "header"
@@ -47,6 +64,7 @@ class Settings(NamedTuple):
     reorder_s: float = 2.0
     offsets_s: Mapping[str, float] = {}
     extrinsics: Sequence[str] = ()
+    image: Image | None = None
 
 
 DEFAULTS = Settings()
@@ -96,7 +114,7 @@ class Log:
         for role, types in ROLES.items():
             mapped = self.settings.topics.get(role)
             if mapped is not None:
-                found[role] = mapped.split(",") if role == "range" else [mapped]
+                found[role] = mapped.split(",") if role in MANY else [mapped]
                 continue
             for topic, schema in self.topics().items():
                 if schema in types and _fits(role, topic, schema) and topic not in self.settings.topics.values():
@@ -106,7 +124,7 @@ class Log:
     def choose(self, role: str) -> str | None:
         """The topic of a role, or None where the log has none. Raises UsageError where there are several."""
         topics = self.roles().get(role, [])
-        if len(topics) > 1 and role != "range":
+        if len(topics) > 1 and role not in MANY:
             names = ", ".join(printable(t) for t in topics)
             raise UsageError(
                 f"{self.path}: several topics can be the {role}: {names}; choose with --topic {role}=TOPIC"
@@ -135,7 +153,7 @@ class Log:
             self.loss.add("damaged", note)
 
     def _sources(self, role: str) -> list["_Source"]:
-        topics = self.roles().get(role, []) if role == "range" else [self.choose(role)]
+        topics = self.roles().get(role, []) if role in MANY else [self.choose(role)]
         sources = []
         for topic in topics:
             if topic is None:
@@ -331,6 +349,8 @@ class _Merge:
             if mount is None:
                 mount = self._extrinsics.mount(frame, self._log.path, source.channel.topic)
                 self._mounts[frame] = mount
+            if isinstance(event, LinePoints | Landmarks):
+                return self._placed(event, mount.pose, source)
             if isinstance(event, Range):
                 return event._replace(topic=source.channel.topic, mount=mount.pose)
             if mount.flipped:
@@ -341,3 +361,33 @@ class _Merge:
                 )
             return Scan(*event[:6], mount.pose)
         return event
+
+    def _placed(self, event: LinePoints | Landmarks, mount: Pose2, source: _Source) -> LinePoints | Landmarks:
+        """What vision saw, in metres and in the base frame; what is not a number is left out."""
+        if isinstance(event, LinePoints):
+            points = event.points_m
+        else:
+            c, s = np.cos(event.bearing_rad), np.sin(event.bearing_rad)
+            points = event.range_m[:, None] * np.column_stack([c, s])
+        if event.pixels:
+            image = self._log.settings.image
+            if image is None:
+                where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+                raise UsageError(f"{where} holds pixels; say what a pixel is with --px-per-cm and --image-centre")
+            points = image.metres(points)
+        known = np.asarray(np.isfinite(points).all(axis=1))
+        if not known.all():
+            where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+            self._log.loss.add("point that is not a number", f"{where}: points that are not numbers are left out")
+            points = points[known]
+        if points.size and any(mount):
+            points = compose(np.array([mount]), np.column_stack([points, np.zeros(len(points))]))[:, :2]
+        if isinstance(event, LinePoints):
+            return LinePoints(event.stamp_ns, points)
+        return Landmarks(
+            event.stamp_ns,
+            tuple(name for name, good in zip(event.ids, known.tolist(), strict=False) if good),
+            np.hypot(points[:, 0], points[:, 1]),
+            np.arctan2(points[:, 1], points[:, 0]),
+            event.sigma[known],
+        )

@@ -12,12 +12,12 @@ import numpy as np
 from pfcli import __version__, align
 from pfcli.core.threads import set_threads
 from pfcli.errors import LogError, UsageError, printable
-from pfcli.events import Event, Sounding, Sweep, Truth
+from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
 from pfcli.formats import map_yaml, parquet, tum
 from pfcli.initial import Initial
 from pfcli.params import to_toml
 from pfcli.progress import progress
-from pfcli.registry import System
+from pfcli.registry import LOCALISERS, System
 from pfcli.replay import Log, Loss, Settings
 from pfcli.rng import Draw
 from pfcli.systems.result import Result
@@ -102,7 +102,8 @@ def _reading(job: Job, log: Log) -> str:
 
 def _roles(job: Job, log: Log, motion: str) -> list[str]:
     """Topics to read; the error names what is missing, what the log has and the flag that maps one."""
-    roles = [*align.ROLES[motion], _reading(job, log)]
+    reading = _reading(job, log)
+    roles = [*align.ROLES[motion], reading]
     if motion == "imu":
         roles += [r for r in ("twist", "odometry") if log.choose(r)][:1]
     for role in roles:
@@ -116,7 +117,7 @@ def _roles(job: Job, log: Log, motion: str) -> list[str]:
                 f" map a topic with --topic {role}=TOPIC"
                 + (" or choose --motion" if role in align.ROLES[motion] else "")
             )
-    roles += [r for r in ("source_stamp",) if log.choose(r)]
+    roles += [r for r in (*job.system.wants, "source_stamp") if r != reading and log.choose(r)]
     if job.truth is not None and not Path(job.truth).is_file():
         if job.truth not in ("auto", ""):
             log.settings = log.settings._replace(topics={**log.settings.topics, "truth": job.truth})
@@ -132,6 +133,7 @@ _NOUNS = {
     "range": "range finders",
     "imu": "an IMU",
     "encoders": "wheel encoders",
+    "lines": "points of field lines or landmarks",
 }
 
 
@@ -158,10 +160,13 @@ def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Even
             yield event
 
 
-def _with_data(sweeps: Iterator[Sweep | Sounding], loss: Loss) -> Iterator[Sweep | Sounding]:
+def _with_data(sweeps: Iterator[Sweep | Sounding | Sighting], loss: Loss) -> Iterator[Sweep | Sounding | Sighting]:
     """Leave out scans without a beam; note a beam count that changes (it is legal, but rarely meant) and long gaps."""
     beams, last = None, None
     for sweep in sweeps:
+        if isinstance(sweep, Sighting):
+            yield sweep
+            continue
         count = sweep.ranges.ranges_m.size if isinstance(sweep, Sounding) else sweep.scan.ranges_m.size
         if count == 0:
             loss.add("empty scan", "topic of the scan, field 'ranges': a scan without beams; such scans are skipped")
@@ -195,7 +200,7 @@ def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
         stamps, poses = tum.read(Path(job.truth))
     else:
         raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
-    aligned = align_se2 if job.map is None else None
+    aligned = None if job.system.name in LOCALISERS else align_se2
     return errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
 
 
@@ -215,9 +220,11 @@ def provenance(job: Job) -> dict[str, Any]:
 
 def _place(job: Job) -> dict[str, Any]:
     """The map and the start of a localiser."""
-    if job.map is None:
+    if job.system.name not in LOCALISERS:
         return {}
     start = {k: str(v) if isinstance(v, Path) else v for k, v in job.initial._asdict().items() if v is not None}
+    if job.map is None:
+        return {"initial": start}
     return {"map": {"name": job.map.name, "sha256": digest(job.map)}, "initial": start}
 
 

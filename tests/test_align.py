@@ -11,7 +11,7 @@ from pfcli.events import Event, Odometry, Pose2, Range, Ranges, Scan, SourceStam
 from pfcli.replay import Loss
 
 S = 1_000_000_000
-DRIVE = Drive(None, 0.1, 0.1, 0.5)
+DRIVE = Drive(radius_m=(0.1,), track_m=0.5)
 
 
 def _scan(t: float) -> Scan:
@@ -123,7 +123,7 @@ def test_a_round_of_range_finders_ends_when_all_have_reported_or_one_reports_aga
 
 def test_a_jump_of_the_encoders_is_counted_and_left_out() -> None:
     loss = Loss()
-    reckon = DeadReckoning("encoders", Drive(None, 0.1, 0.1, 0.3), loss)
+    reckon = DeadReckoning("encoders", Drive(radius_m=(0.1,), track_m=0.3), loss)
     names = ("left", "right")
     rows = [(0, 0), (100, 100), (900_000, 900_100), (900_100, 900_200)]
     poses = [reckon(Ticks(k * 50_000_000, names, np.array(row), 1000.0, True)) for k, row in enumerate(rows)]

@@ -29,6 +29,7 @@ def simulate(
     `pfcli simulate list -` prints the names. Example: pfcli simulate office office.mcap --seed 3
     """
     from pfcli.simulate import scenario as scenarios
+    from pfcli.simulate import soccer
 
     if scenario == "list":
         for s in scenarios.SCENARIOS.values():
@@ -36,6 +37,8 @@ def simulate(
                 f"{s.name:<18} world {s.world}, robot {s.robot}, laser {s.laser}"
                 + (f", {s.people} people" if s.people else "")
             )
+        for match in soccer.SCENARIOS.values():
+            click.echo(f"{match.name:<18} field {match.field}, {match.route}, {match.points} points a frame")
         return
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")
@@ -47,5 +50,6 @@ def simulate(
         scenarios.write_map(found, target.parent, target.stem)
     if partial_map:
         scenarios.write_partial_map(found, target.parent, f"{target.stem}-partial")
-    line = f"{target}: {counts['scans']} scans, {counts['way_m']:.1f} m in {counts['span_s']:.0f} s"
+    what = "frames" if "frames" in counts else "scans"
+    line = f"{target}: {counts[what]} {what}, {counts['way_m']:.1f} m in {counts['span_s']:.0f} s"
     emit({"out": str(target), "scenario": found.name, "seed": seed, **counts}, [line], as_json)

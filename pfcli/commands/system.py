@@ -17,13 +17,11 @@ from pfcli.options import (
 )
 from pfcli.outputs import check, check_kind, interrupt_on_terminate, output_dir
 
-_READING = ("topic", "clock", "start", "end", "reorder", "time_offset", "extrinsic")
-
 
 def command(name: str) -> click.Command:
     """The click command of the system `name`; its kernels are imported only when it runs."""
     params = registry.params_class(name)
-    example = " --map map.yaml" if name in registry.LOCALISERS else ""
+    example = " --map map.yaml" if name in registry.MAPPED else ""
 
     @click.command(name, help=f"{registry.SUMMARY[name]}\n\nExample: pfcli {name} log.mcap{example} --out out/run")
     @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -57,7 +55,7 @@ def command(name: str) -> click.Command:
     @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
     @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
     @reading_options
-    @localiser_options(name in registry.LOCALISERS)
+    @localiser_options(name)
     @system_options(params)
     def system_command(**given: Any) -> int:
         return _run(name, params, given)
@@ -67,7 +65,7 @@ def command(name: str) -> click.Command:
 
 def _run(name: str, params: type, given: dict[str, Any]) -> int:
     built = build_params(params, given, given["params_file"])
-    settings = settings_of(*(given[k] for k in _READING))
+    settings = settings_of(given)
     check(given["out"], force=given["force"])
     if given["plot"] is not None:
         check_kind(given["plot"])
@@ -83,7 +81,7 @@ def _run(name: str, params: type, given: dict[str, Any]) -> int:
         given["seed"],
         settings,
         given["motion"],
-        drive_of(given["wheel_joints"], given["wheel_radius_m"], given["track_width_m"]),
+        drive_of(given),
         given["truth"],
         given["threads"],
         "never" if given["quiet"] else given["progress_mode"],

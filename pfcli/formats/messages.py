@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pfcli.core.sensor import compass
 from pfcli.events import (
     Event,
     Heading,
     Landmarks,
     LinePoints,
-    MagneticField,
     Odometry,
     Pose2,
     Range,
@@ -32,6 +32,7 @@ from pfcli.events import (
 from pfcli.formats.schemas import typestore
 
 SECOND = 1_000_000_000
+_EVERY_M = 0.2
 
 ROLES: dict[str, dict[str, type]] = {
     "odometry": {"nav_msgs/msg/Odometry": Odometry, "pfcli.Odometry": Odometry},
@@ -40,7 +41,7 @@ ROLES: dict[str, dict[str, type]] = {
     "imu": {"sensor_msgs/msg/Imu": YawRate},
     "compass": {
         "pfcli.Heading": Heading,
-        "sensor_msgs/msg/MagneticField": MagneticField,
+        "sensor_msgs/msg/MagneticField": Heading,
         "sensor_msgs/msg/Imu": Heading,
     },
     "scan": {"sensor_msgs/msg/LaserScan": Scan, "pfcli.LaserScan": Scan},
@@ -52,7 +53,9 @@ ROLES: dict[str, dict[str, type]] = {
     "landmarks": {
         "pfcli.Landmarks": Landmarks,
         "vision_msgs/msg/Detection3DArray": Landmarks,
+        "vision_msgs/msg/Detection2DArray": Landmarks,
         "soccer_vision_3d_msgs/msg/GoalpostArray": Landmarks,
+        "soccer_vision_3d_msgs/msg/MarkingArray": Landmarks,
     },
     "truth": {
         "geometry_msgs/msg/PoseStamped": Truth,
@@ -62,6 +65,9 @@ ROLES: dict[str, dict[str, type]] = {
     "source_stamp": {"std_msgs/msg/String": SourceStamp},
 }
 """Role in a run -> message type -> event kind."""
+
+MANY = ("range", "landmarks")
+"""Roles that several topics may play together."""
 
 RANK = {role: rank for rank, role in enumerate(ROLES)}
 RANK.update(source_stamp=-1, scan=20, range=21, lines=22, landmarks=23, truth=-2)
@@ -241,12 +247,20 @@ def _imu_heading(m: Any, t: int) -> tuple[Heading, str]:
         raise ValueError("field 'orientation' is marked absent (orientation_covariance[0] is -1)")
     q = m.orientation
     variance = m.orientation_covariance[8]
-    return Heading(t, yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan), ""
+    return _heading(yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan, t), ""
 
 
-def _field(m: Any, t: int) -> tuple[MagneticField, str]:
+def _field(m: Any, t: int) -> tuple[Heading, str]:
     f = m.magnetic_field
-    return MagneticField(t, f.x, f.y, f.z), m.header.frame_id
+    if not (math.isfinite(f.x) and math.isfinite(f.y)) or f.x == f.y == 0.0:
+        raise ValueError("field 'magnetic_field' has no horizontal direction (x and y are NaN or both zero)")
+    return Heading(t, compass.heading(f.x, f.y), math.nan), m.header.frame_id
+
+
+def _heading(yaw_rad: float, sigma_rad: float, t: int) -> Heading:
+    if not math.isfinite(yaw_rad):
+        raise ValueError("field 'yaw_rad' is not a number")
+    return Heading(t, yaw_rad, sigma_rad if sigma_rad > 0 else math.nan)
 
 
 def _range(m: Any, t: int) -> tuple[Range, str]:
@@ -263,9 +277,14 @@ def _odometry_truth(m: Any, t: int) -> tuple[Truth, str]:
 
 
 def _markings(m: Any, t: int) -> tuple[LinePoints, str]:
-    points = [(e.x, e.y) for s in m.segments for e in (s.start, s.end)]
-    points += [(i.center.position.x, i.center.position.y) for i in m.intersections]
-    return LinePoints(t, np.array(points, float).reshape(-1, 2)), m.header.frame_id
+    return LinePoints(t, np.concatenate([np.empty((0, 2)), *map(_along, m.segments)])), m.header.frame_id
+
+
+def _along(segment: Any) -> Any:
+    """Points every 20 cm of a line segment."""
+    a, b = (np.array([p.x, p.y]) for p in (segment.start, segment.end))
+    count = int(np.hypot(*(b - a)) / _EVERY_M) + 2 if np.isfinite(a + b).all() else 0
+    return a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
 
 
 def _polar(t: int, ids: list[str], xy: list[tuple[float, float]]) -> Landmarks:
@@ -276,13 +295,39 @@ def _polar(t: int, ids: list[str], xy: list[tuple[float, float]]) -> Landmarks:
 
 def _detections(m: Any, t: int) -> tuple[Landmarks, str]:
     xy = [(d.bbox.center.position.x, d.bbox.center.position.y) for d in m.detections]
-    ids = [d.id or (d.results[0].hypothesis.class_id if len(d.results) else "") for d in m.detections]
+    return _polar(t, _ids(m.detections), xy), m.header.frame_id
+
+
+def _ids(detections: Any) -> list[str]:
+    return [d.id or (d.results[0].hypothesis.class_id if len(d.results) else "") for d in detections]
+
+
+def _crossings(m: Any, t: int) -> tuple[Landmarks, str]:
+    xy = [(i.center.position.x, i.center.position.y) for i in m.intersections]
+    xy += [(e.center.position.x, e.center.position.y) for e in m.ellipses]
+    ids = [{2: "corner", 3: "tee", 4: "cross"}.get(i.num_rays, "") for i in m.intersections] + ["circle"] * len(
+        m.ellipses
+    )
     return _polar(t, ids, xy), m.header.frame_id
 
 
 def _goalposts(m: Any, t: int) -> tuple[Landmarks, str]:
     xy = [(p.bb.center.position.x, p.bb.center.position.y) for p in m.posts]
-    return _polar(t, [f"post{p.attributes.side}{p.attributes.team}" for p in m.posts], xy), m.header.frame_id
+    return _polar(t, ["post"] * len(m.posts), xy), m.header.frame_id
+
+
+def _detections_2d(m: Any, t: int) -> tuple[Landmarks, str]:
+    xy = [(d.bbox.center.position.x, d.bbox.center.position.y) for d in m.detections]
+    # polar only in the image's frame: replay takes its centre off before it means anything
+    return _polar(t, _ids(m.detections), xy)._replace(pixels=True), ""
+
+
+def _j_lines(m: Any, t: int) -> tuple[LinePoints, str]:
+    name = "points_px" if "points_px" in m else "points_m"
+    points = np.array(m[name], float)
+    if points.size and (points.ndim != 2 or points.shape[1] != 2):
+        raise ValueError(f"field {name!r} does not hold pairs")
+    return LinePoints(t, points.reshape(-1, 2), name == "points_px"), str(m.get("frame_id", ""))
 
 
 def _j_landmarks(m: Any, t: int) -> tuple[Landmarks, str]:
@@ -290,7 +335,7 @@ def _j_landmarks(m: Any, t: int) -> tuple[Landmarks, str]:
     sigma = [[r.get("sigma_range_m", math.nan), r.get("sigma_bearing_rad", math.nan)] for r in rows]
     ids = tuple(str(r.get("id", "")) for r in rows)
     ranges, bearings = _floats([r["range_m"] for r in rows]), _floats([r["bearing_rad"] for r in rows])
-    return Landmarks(t, ids, ranges, bearings, np.array(sigma, float).reshape(-1, 2)), ""
+    return Landmarks(t, ids, ranges, bearings, np.array(sigma, float).reshape(-1, 2)), str(m.get("frame_id", ""))
 
 
 def _j_scan(m: Any, t: int) -> tuple[Scan, str]:
@@ -329,7 +374,9 @@ _ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
     ("truth", "nav_msgs/msg/Odometry"): _odometry_truth,
     ("lines", "soccer_vision_3d_msgs/msg/MarkingArray"): _markings,
     ("landmarks", "vision_msgs/msg/Detection3DArray"): _detections,
+    ("landmarks", "vision_msgs/msg/Detection2DArray"): _detections_2d,
     ("landmarks", "soccer_vision_3d_msgs/msg/GoalpostArray"): _goalposts,
+    ("landmarks", "soccer_vision_3d_msgs/msg/MarkingArray"): _crossings,
 }
 
 _JSON: dict[str, Callable[[Any, int], tuple[Any, str]]] = {
@@ -339,10 +386,10 @@ _JSON: dict[str, Callable[[Any, int], tuple[Any, str]]] = {
         "",
     ),
     "pfcli.WheelEncoders": _j_ticks,
-    "pfcli.Heading": lambda m, t: (Heading(t, float(m["yaw_rad"]), float(m.get("sigma_rad", math.nan))), ""),
+    "pfcli.Heading": lambda m, t: (_heading(float(m["yaw_rad"]), float(m.get("sigma_rad", math.nan)), t), ""),
     "pfcli.Range": _j_range,
     "pfcli.LaserScan": _j_scan,
-    "pfcli.LinePoints": lambda m, t: (LinePoints(t, np.array(m["points_m"], float).reshape(-1, 2)), ""),
+    "pfcli.LinePoints": _j_lines,
     "pfcli.Landmarks": _j_landmarks,
     "pfcli.Pose2D": lambda m, t: (Truth(t, float(m["x_m"]), float(m["y_m"]), float(m["yaw_rad"])), ""),
 }

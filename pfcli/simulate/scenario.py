@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,8 +14,10 @@ from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.rng import Purpose, rng_for
+from pfcli.simulate import soccer
 from pfcli.simulate.laser import LASERS, Laser, cast
 from pfcli.simulate.robot import ROBOTS, STEP_S, WheelOdometry, drive
+from pfcli.simulate.soccer import Soccer
 from pfcli.simulate.world import WORLDS, World, known_part, rasterize
 
 WHEEL_RADIUS_M, TICKS_PER_TURN = 0.1, 2000
@@ -110,23 +112,32 @@ SCENARIOS = {
 }
 
 
-def load(text: str) -> Scenario:
-    """A scenario by name or from a TOML file with the fields of `Scenario`."""
+def load(text: str) -> Scenario | Soccer:
+    """A scenario by name or from a TOML file with the fields of `Scenario`, or of `Soccer` where it names a `route`."""
     if text in SCENARIOS:
         return SCENARIOS[text]
+    if text in soccer.SCENARIOS:
+        return soccer.SCENARIOS[text]
     path = Path(text)
     if path.suffix != ".toml":
-        raise UsageError(f"no scenario {text!r}; there are {', '.join(SCENARIOS)}, or name a .toml file")
+        raise UsageError(
+            f"no scenario {text!r}; there are {', '.join([*SCENARIOS, *soccer.SCENARIOS])}, or name a .toml file"
+        )
     try:
         fields = tomllib.loads(path.read_text())
-        known = {k: type(v) for k, v in Scenario("x")._asdict().items()}
+        kind = Soccer if "route" in fields else Scenario
+        known = {k: type(v) for k, v in kind("x")._asdict().items()}
         for key, value in fields.items():
             if key not in known or not isinstance(value, (int, float) if known[key] is float else known[key]):
                 raise UsageError(f"{path}: field {key!r} is unknown or of the wrong type; known: {', '.join(known)}")
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise LogError(f"{path}: cannot be read as a scenario ({reason(error)})") from None
-    found = Scenario(**{"name": path.stem} | fields)
-    for value, table in ((found.world, WORLDS), (found.robot, ROBOTS), (found.laser, LASERS)):
+    found = kind(**{"name": path.stem} | fields)
+    if isinstance(found, Soccer):
+        choices: tuple[tuple[str, Collection[str]], ...] = ((found.route, soccer.ROUTES),)
+    else:
+        choices = ((found.world, WORLDS), (found.robot, ROBOTS), (found.laser, LASERS))
+    for value, table in choices:
         if value not in table:
             raise UsageError(f"{path}: {value!r} is none of {', '.join(table)}")
     return found
@@ -243,8 +254,10 @@ class _Crowd:
             self.discs[k, 2] = 0.25
 
 
-def write(scenario: Scenario, seed: int, path: Path) -> dict[str, float]:
+def write(scenario: Scenario | Soccer, seed: int, path: Path) -> dict[str, float]:
     """Write the log (uncompressed chunks, truth on /ground_truth); returns counts."""
+    if isinstance(scenario, Soccer):
+        return soccer.write(scenario, seed, path)
     laser = _laser(scenario)
     every = max(1, round(1.0 / (scenario.odometry_hz * STEP_S)))
     put = _put_json if scenario.encoding == "json" else _put_ros2
@@ -300,12 +313,17 @@ def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool
             log.json(f"/range/{name}", "pfcli.Range", reading.stamp_ns, **value, **limits)
 
 
-def write_map(scenario: Scenario, folder: Path, name: str) -> None:
+def write_map(scenario: Scenario | Soccer, folder: Path, name: str) -> None:
     """Write the true map beside the log."""
+    if isinstance(scenario, Soccer):
+        soccer.write_field(scenario, folder, name)
+        return
     map_yaml.write(folder, rasterize(WORLDS[scenario.world](scenario.world_seed), 0.05), name)
 
 
-def write_partial_map(scenario: Scenario, folder: Path, name: str) -> None:
+def write_partial_map(scenario: Scenario | Soccer, folder: Path, name: str) -> None:
     """Write the map that the robot has been given: what it could reach, and of that the western share."""
+    if isinstance(scenario, Soccer):
+        raise UsageError("--partial-map: a soccer field is known as a whole")
     world = WORLDS[scenario.world](scenario.world_seed)
     map_yaml.write(folder, known_part(rasterize(world, 0.05), world, scenario.known_share), name)

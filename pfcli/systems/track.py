@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import between, compose
-from pfcli.events import Sounding, Sweep
+from pfcli.events import Sighting, Sounding, Sweep
 from pfcli.systems.result import Track
 
 
@@ -21,8 +21,8 @@ class TrackKeeper:
         self._poses: list[NDArray[np.float64]] = []
         self._covs: list[NDArray[np.float64]] = []
 
-    def see(self, sweep: Sweep | Sounding) -> None:
-        """Take note of a scan or a sounding."""
+    def see(self, sweep: Sweep | Sounding | Sighting) -> None:
+        """Take note of a scan, a sounding or a sighting."""
         self._stamps_ns.append(sweep.stamp_ns)
         self._odometry.append(sweep.odometry)
         self._sources.append(sweep.source_stamp)

@@ -73,7 +73,7 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
         [sample(RUNS[name][0])],
         settings=Settings(end_s=20.0),
         map=MAPS.get(name),
-        drive=Drive(None, 0.1, 0.1, 0.33),
+        drive=Drive(radius_m=(0.1,), track_m=0.33),
     )
     first = run.execute(job)
     with events.install_recorder("numba:compile") as recorder:

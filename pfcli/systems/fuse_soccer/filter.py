@@ -1,0 +1,290 @@
+"""A soccer robot on its field, from wheels, vision and compass. Zhang 2011 (zhang2011soccer).
+
+Every frame of vision is an update: the particles roll with errors of their wheels (eqs (3)-(4)), some more are proposed
+where the lines want them, all are weighed by points, landmarks and compass (eq. (9)), the estimate is reported, and
+particles are drawn anew.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import estimate
+from pfcli.core.geometry import between
+from pfcli.core.motion import odometry, wheels
+from pfcli.core.resample import multinomial, systematic
+from pfcli.core.sensor import compass
+from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.events import Rolling, Sighting
+from pfcli.formats import field_yaml
+from pfcli.initial import Initial
+from pfcli.registry import System
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.fuse_soccer import propose, start
+from pfcli.systems.fuse_soccer.assets import Assets, View, load, triangulated, view_of
+from pfcli.systems.fuse_soccer.params import Params
+from pfcli.systems.fuse_soccer.weigh import Belief, Heard, choose_side, turned, weigh
+from pfcli.systems.pace import step_noise
+from pfcli.systems.result import Result
+from pfcli.systems.track import TrackKeeper
+
+_CERTAIN, _CERTAIN_M = 0.8, 0.3
+_FADING = 0.2
+"""Weight of the newest frame in `fit`: one bad frame is no reason to think oneself lost."""
+_LEARN_SD_RAD = 0.15
+
+
+class Info(NamedTuple):
+    """One frame, as a row of `metrics.parquet`.
+
+    mirror_p: probability of the pose half a turn about the centre away; compass_residual_rad: reading less estimate, bias
+    removed; slip_m: largest travel of a wheel that no motion explains; two_*: pose from two landmarks, NaN where there is none.
+    """
+
+    t_ns: int
+    best_log_w: float
+    mode_share: float
+    modes: int
+    mirror_p: float
+    sd_m: float
+    sd_yaw_rad: float
+    n_eff: float
+    log_evidence: float
+    fit: float
+    points: int
+    landmarks: int
+    compass_residual_rad: float
+    compass_bias_rad: float
+    compass_disturbed: bool
+    slip_m: float
+    injected: int
+    refined: int
+    resampled: bool
+    way_m: float
+    two_x_m: float
+    two_y_m: float
+    two_yaw_rad: float
+
+
+class State(NamedTuple):
+    """belief: particles; the last sighting; bias of the compass; fit: evidence of the last frames, fading, as a share of the
+    best there could be; what the end needs."""
+
+    belief: Belief
+    last: Sighting
+    bias: compass.Bias
+    fit: float
+    way_m: float
+    track: TrackKeeper
+    frames: FrameKeeper
+    mirror_p: list[float]
+    certain_ns: list[int]
+    injected_ns: list[int]
+
+
+def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
+    """Nothing is known before the first frame."""
+    nothing = Belief(np.empty((0, 3)), np.empty(0), np.empty(0))
+    return State(nothing, first, compass.Bias(), 1.0, 0.0, TrackKeeper(), FrameKeeper(), [], [], [])
+
+
+def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
+    """Every frame with points, landmarks or a reading of the compass updates the filter."""
+    state.track.see(sighting)
+    view = view_of(sighting, assets, params)
+    seconds = (sighting.stamp_ns - state.last.stamp_ns) * 1e-9
+    heard = _heard(state, sighting, seconds, params)
+    first = state.belief.pose.shape[0] == 0
+    if first and assets.initial.kind != "pose" and view.points.shape[1] == 0 and view.detections is None:
+        return state._replace(last=sighting), None
+    slip, refined = 0.0, 0
+    if first:
+        belief = start.scatter(view, heard, assets, params, draw(Purpose.INIT, sighting.stamp_ns))
+    else:
+        belief, slip = _predict(state, sighting, params, draw)
+        before = belief.pose.shape[0]
+        if params.variant == "corrected":
+            count = round(params.refine * params.particles)
+            belief = propose.beside(belief, view, assets, count, draw(Purpose.PROPOSAL, sighting.stamp_ns))
+            refined = belief.pose.shape[0] - before
+    belief = belief._replace(log_w=belief.log_w - normalize(belief.log_w)[1])
+    belief = weigh(belief, view, heard, assets, params)
+    fit, injected = state.fit, 0
+    if params.variant == "corrected" and view.points.shape[1] > 0:
+        now = normalize(belief.log_w)[1] / view.best if view.best > 0.0 else 0.0
+        fit = now if first else fit + _FADING * (now - fit)
+        if not first and fit < params.lost_fit:
+            known = belief.pose.shape[0]
+            belief = _inject(belief, view, heard, assets, params, draw(Purpose.INJECT, sighting.stamp_ns))
+            injected = belief.pose.shape[0] - known
+            state.injected_ns.append(sighting.stamp_ns)
+            fit = 1.0
+    moved = np.asarray(sighting.odometry[:2]) - state.last.odometry[:2]
+    state = state._replace(belief=belief, fit=fit, way_m=state.way_m + float(np.hypot(*moved)))
+    return _conclude(state, sighting, view, heard, seconds, (slip, injected, refined), assets, params, draw)
+
+
+def _heard(state: State, sighting: Sighting, seconds: float, params: Params) -> Heard | None:
+    """The compass in the field's frame, its bias removed; readings of one memory count as one."""
+    if sighting.compass is None or not params.compass:
+        return None
+    yaw = sighting.compass.yaw_rad + math.radians(params.compass_north_deg - 90.0) - state.bias.mean_rad
+    sigma = math.radians(params.compass_sigma_deg)
+    if state.belief.pose.shape[0] == 0 or params.variant == "paper" or params.compass_memory_s == 0.0:
+        return Heard(yaw, sigma, 1.0)
+    return Heard(yaw, sigma, min(1.0, seconds / params.compass_memory_s))
+
+
+def _predict(state: State, sighting: Sighting, params: Params, draw: Draw) -> tuple[Belief, float]:
+    """Particles after the step since the last frame, and the largest slip of a wheel (m)."""
+    belief, now, last = state.belief, sighting.rolling, state.last.rolling
+    moved = between(np.array([state.last.odometry]), np.array([sighting.odometry]))[0]
+    rng = draw(Purpose.MOTION, sighting.stamp_ns)
+    if now is None or last is None or now.rolled_m.shape != last.rolled_m.shape:
+        z = rng.standard_normal(belief.pose.shape)
+        return belief._replace(pose=odometry.predict(belief.pose, moved, step_noise(moved, params), z)), 0.0
+    mean, sd, residual = _wheel_errors(now, last, params)
+    z = rng.standard_normal((belief.pose.shape[0], sd.size))
+    back = wheels.inverse(now.jacobian)
+    pose = wheels.predict(belief.pose, wheels.midway(moved), back, mean, sd, z)
+    return belief._replace(pose=pose), float(np.abs(residual).max())
+
+
+def _wheel_errors(
+    now: Rolling, last: Rolling, params: Params
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and spread (k,) of each wheel's error in this step, and the travel that no motion explains (m)."""
+    travel, way = now.rolled_m - last.rolled_m
+    residual = wheels.slip(travel, now.jacobian)
+    sd = params.wheel_noise * way + params.wheel_noise_m + params.slip_gain * np.abs(residual)
+    return params.wheel_bias * travel, sd, residual
+
+
+def _inject(
+    belief: Belief, view: View, heard: Heard | None, assets: Assets, params: Params, rng: np.random.Generator
+) -> Belief:
+    """The particles get company of those of a robot that may be anywhere: each side by its prior and its evidence."""
+    # what held at the start need not hold now
+    found = start.anywhere(view, heard, Initial(), assets, params, params.particles, rng)
+    found = weigh(found, view, heard, assets, params)
+    return Belief(
+        np.concatenate([belief.pose, found.pose]),
+        np.concatenate([belief.log_w + np.log(1.0 - params.lost_share), found.log_w + np.log(params.lost_share)]),
+        np.concatenate([belief.odds, found.odds]),
+    )
+
+
+def _conclude(
+    state: State,
+    sighting: Sighting,
+    view: View,
+    heard: Heard | None,
+    seconds: float,
+    counts: tuple[float, int, int],
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[State, Info]:
+    """Report, learn the compass, then resample."""
+    weights, log_evidence = normalize(state.belief.log_w)
+    belief, mirror_p = choose_side(state.belief, weights, seconds)
+    pose = belief.pose
+    found = estimate.densest(pose, weights, propose.MODE_M, propose.MODE_RAD)
+    if params.estimate == "best" or params.variant == "paper":
+        found = found._replace(pose=pose[int(np.argmax(weights))].copy())
+    sd_m, sd_yaw = float(np.sqrt(found.cov[0, 0] + found.cov[1, 1])), float(np.sqrt(found.cov[2, 2]))
+    state.track.update(found.pose, found.cov)
+    state.mirror_p.append(mirror_p)
+    if found.mass >= _CERTAIN and sd_m <= _CERTAIN_M and mirror_p < 0.5 * (1.0 - _CERTAIN):
+        state.certain_ns.append(sighting.stamp_ns)
+    bias, residual = _learned(state.bias, heard, found, sd_yaw, seconds, params)
+    two = triangulated(view) or (math.nan, math.nan, math.nan)
+    n_eff = float(effective_sample_size(weights))
+    crowded = pose.shape[0] > params.particles
+    resample = params.variant == "paper" or crowded or n_eff < params.resample_threshold * pose.shape[0]
+    state.frames.offer(sighting.stamp_ns, found.pose, pose[np.argsort(-weights, kind="stable")], view.points.T)
+    info = Info(
+        t_ns=sighting.stamp_ns,
+        best_log_w=float(belief.log_w.max()),
+        mode_share=found.mass,
+        modes=estimate.modes(pose, weights, propose.MODE_M, propose.MODE_RAD),
+        mirror_p=mirror_p,
+        sd_m=sd_m,
+        sd_yaw_rad=sd_yaw,
+        n_eff=n_eff,
+        log_evidence=log_evidence,
+        fit=state.fit,
+        points=view.points.shape[1],
+        landmarks=0 if view.detections is None else view.detections.seen_m.shape[0],
+        compass_residual_rad=residual,
+        compass_bias_rad=bias.mean_rad,
+        compass_disturbed=bias.bent_s > 0.0,
+        slip_m=counts[0],
+        injected=counts[1],
+        refined=counts[2],
+        resampled=bool(resample),
+        way_m=state.way_m,
+        two_x_m=two[0],
+        two_y_m=two[1],
+        two_yaw_rad=two[2],
+    )
+    state = state._replace(bias=bias, last=sighting)
+    if not resample:
+        return state._replace(belief=belief._replace(log_w=belief.log_w - log_evidence)), info
+    rng = draw(Purpose.RESAMPLE, sighting.stamp_ns)
+    if params.variant == "paper":
+        chosen = multinomial.ancestors(weights, rng.random(params.particles))
+    else:
+        chosen = systematic.choose(weights, rng.random(), params.particles)
+    n = chosen.size
+    fresh = pose[chosen]
+    if params.variant == "paper" and params.new_share > 0.0:
+        new = round(params.new_share * n)
+        fresh[:new] = start.anyhow(new, heard, Initial(), assets, folded=False, rng=rng)
+    return state._replace(belief=Belief(fresh, np.full(n, -np.log(n)), belief.odds[chosen])), info
+
+
+def _learned(
+    bias: compass.Bias, heard: Heard | None, found: estimate.PoseEstimate, sd_yaw: float, seconds: float, params: Params
+) -> tuple[compass.Bias, float]:
+    """The bias after this reading, which a filter that is sure of its heading teaches; and what the reading differs by."""
+    if heard is None:
+        return bias, math.nan
+    residual = math.remainder(heard.yaw_rad - float(found.pose[2]), 2 * math.pi)
+    if not params.compass_bias or sd_yaw > _LEARN_SD_RAD or found.mass < _CERTAIN:
+        return bias, residual
+    sigma = math.radians(params.compass_sigma_deg)
+    return compass.learn(bias, residual, sigma, seconds, params.compass_memory_s), residual
+
+
+def finish(state: State, assets: Assets, params: Params) -> Result:
+    """Track, the other side of it, and the field."""
+    track = state.track.track({"mirror_p": np.array(state.mirror_p)})
+    other = turned(track.poses)
+    columns = track.columns | dict(zip(("mirror_x_m", "mirror_y_m", "mirror_yaw_rad"), other.T, strict=True))
+    since = (state.certain_ns[0] - int(track.stamps_ns[0])) * 1e-9 if state.certain_ns else None
+    summary = {
+        "updates": int(track.columns["update"].sum()),
+        "certain_since_s": None if since is None else round(since, 3),
+        "injections": len(state.injected_ns),
+        "mirror_p_at_end": round(state.mirror_p[-1], 4),
+        "compass_bias_deg": round(math.degrees(state.bias.mean_rad), 2),
+        "particles": int(state.belief.pose.shape[0]),
+    }
+    return Result(track._replace(columns=columns), field_yaml.drawn(assets.field), state.frames.frames(), summary)
+
+
+SYSTEM = System(
+    name="fuse-soccer",
+    params=Params,
+    info=Info,
+    needs=(frozenset({"motion", "lines"}), frozenset({"motion", "landmarks"})),
+    load=load,
+    init=init,
+    step=step,
+    finish=finish,
+    wants=("lines", "landmarks", "compass"),
+)
