@@ -10,6 +10,7 @@ from pfcli.core.jit import kernel
 from pfcli.core.particles import pose_bin
 
 _CANDIDATES = 12
+_ALL = 1.0 - 1e-9
 
 
 class PoseEstimate(NamedTuple):
@@ -71,10 +72,25 @@ def whole(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> PoseEstim
     return PoseEstimate(mean, cov, float(mass))
 
 
+def around(
+    poses: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    reach_m: float,
+    reach_rad: float,
+) -> PoseEstimate:
+    """The hypothesis within reach of `centre` (3,), which is its own mean where there is none. poses: (n, 3); weights: (n,)."""
+    mean, cov = centre.copy(), np.zeros((3, 3))
+    mass = 0.0
+    for _ in range(2):
+        mass = _around(poses, weights, mean.copy(), reach_m, reach_rad, mean, cov)
+    return PoseEstimate(mean, cov, float(mass))
+
+
 def densest(poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: float, reach_rad: float) -> PoseEstimate:
     """Mean of the hypothesis that holds most of the mass: the poses within reach of the heaviest bin.
 
-    poses: (n, 3); weights: (n,). A mean over several hypotheses would lie between them, where the robot is not.
+    poses: (n, 3); weights: (n,), sum 1. A mean over several hypotheses would lie between them, where the robot is not.
     """
     size = 1 << max(8, int(poses.shape[0] * 2).bit_length())
     slots, heaviest = np.zeros(size), np.full(size, -1)
@@ -82,13 +98,11 @@ def densest(poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: f
     best = PoseEstimate(poses[int(np.argmax(weights))].copy(), np.zeros((3, 3)), 0.0)
     # a hypothesis on the border of bins is split among up to eight of them: compare whole neighbourhoods
     for slot in np.argsort(-slots, kind="stable")[:_CANDIDATES].tolist():
-        if slots[slot] <= 0.0:
+        if slots[slot] <= 0.0 or best.mass >= _ALL:
             break
-        mean, cov = poses[heaviest[slot]].copy(), np.zeros((3, 3))
-        for _ in range(2):
-            mass = _around(poses, weights, mean.copy(), reach_m, reach_rad, mean, cov)
-        if mass > best.mass:
-            best = PoseEstimate(mean, cov, float(mass))
+        found = around(poses, weights, poses[heaviest[slot]], reach_m, reach_rad)
+        if found.mass > best.mass:
+            best = found
     return best
 
 

@@ -144,7 +144,7 @@ def _path(scenario: Soccer, rng: np.random.Generator) -> Iterator[NDArray[np.flo
             offset = offset * math.exp(-dt / 2.0)
 
 
-class _Vision:
+class Vision:
     """What the camera sees of the field."""
 
     def __init__(self, scenario: Soccer, rng: np.random.Generator) -> None:
@@ -213,7 +213,7 @@ def _dense(lines: Lines) -> NDArray[np.float64]:
 def play(scenario: Soccer, seed: int) -> Iterator[Instant]:
     """Drive the scenario."""
     path, eyes, odo, needle = (rng_for(seed, Purpose.SIMULATE, k) for k in range(4))
-    vision = _Vision(scenario, eyes)
+    vision = Vision(scenario, eyes)
     places = wheels.four_places(math.radians(WHEEL_ANGLE_DEG))
     jacobian = wheels.omni(places, [WHEEL_ARM_M] * 4)
     travel, last, k = np.zeros(4), None, 0

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate
-from pfcli.core.geometry import between
+from pfcli.core.geometry import between, compose
 from pfcli.core.motion import odometry, wheels
 from pfcli.core.resample import multinomial, systematic
 from pfcli.core.sensor import compass
@@ -35,6 +35,10 @@ _CERTAIN, _CERTAIN_M = 0.8, 0.3
 _FADING = 0.2
 """Weight of the newest frame in `fit`: one bad frame is no reason to think oneself lost."""
 _LEARN_SD_RAD = 0.15
+_REST_NS = 500_000_000
+"""Who is still lost looks around again after this time."""
+_ADAPT, _WILD = 0.1, 30.0
+"""How fast the motion's errors follow the surprises, and the largest surprise that counts."""
 
 
 class Info(NamedTuple):
@@ -70,12 +74,14 @@ class Info(NamedTuple):
 
 
 class State(NamedTuple):
-    """belief: particles; the last sighting; bias of the compass; fit: evidence of the last frames, fading, as a share of the
-    best there could be; what the end needs."""
+    """belief: particles; pose: (3,) the last estimate; last: sighting; bias of the compass; stretch: of the motion's variance;
+    fit: evidence of the last frames, fading, as a share of the best there could be; what the end needs."""
 
     belief: Belief
+    pose: NDArray[np.float64]
     last: Sighting
     bias: compass.Bias
+    stretch: float
     fit: float
     way_m: float
     track: TrackKeeper
@@ -88,43 +94,87 @@ class State(NamedTuple):
 def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
     """Nothing is known before the first frame."""
     nothing = Belief(np.empty((0, 3)), np.empty(0), np.empty(0))
-    return State(nothing, first, compass.Bias(), 1.0, 0.0, TrackKeeper(), FrameKeeper(), [], [], [])
+    return State(nothing, np.zeros(3), first, compass.Bias(), 1.0, 1.0, 0.0, TrackKeeper(), FrameKeeper(), [], [], [])
+
+
+class _Glance(NamedTuple):
+    """A frame on its way through an update; slip_m, surprise, injected and refined: see `Info` and `propose.beside`."""
+
+    sighting: Sighting
+    view: View
+    heard: Heard | None
+    seconds: float
+    slip_m: float = 0.0
+    surprise: float = 1.0
+    refined: int = 0
+    injected: int = 0
 
 
 def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
-    """Every frame with points, landmarks or a reading of the compass updates the filter."""
+    """Every frame updates the filter, once there was something to start from."""
     state.track.see(sighting)
     view = view_of(sighting, assets, params)
     seconds = (sighting.stamp_ns - state.last.stamp_ns) * 1e-9
-    heard = _heard(state, sighting, seconds, params)
+    glance = _Glance(sighting, view, _heard(state, sighting, seconds, params), seconds)
     first = state.belief.pose.shape[0] == 0
-    if first and assets.initial.kind != "pose" and view.points.shape[1] == 0 and view.detections is None:
-        return state._replace(last=sighting), None
-    slip, refined = 0.0, 0
     if first:
-        belief = start.scatter(view, heard, assets, params, draw(Purpose.INIT, sighting.stamp_ns))
+        if assets.initial.kind != "pose" and view.points.shape[1] == 0 and view.detections is None:
+            return state._replace(last=sighting), None
+        rng = draw(Purpose.INIT, sighting.stamp_ns)
+        state = state._replace(belief=start.scatter(view, glance.heard, assets, params, rng))
     else:
-        belief, slip = _predict(state, sighting, params, draw)
-        before = belief.pose.shape[0]
-        if params.variant == "corrected":
-            count = round(params.refine * params.particles)
-            belief = propose.beside(belief, view, assets, count, draw(Purpose.PROPOSAL, sighting.stamp_ns))
-            refined = belief.pose.shape[0] - before
-    belief = belief._replace(log_w=belief.log_w - normalize(belief.log_w)[1])
-    belief = weigh(belief, view, heard, assets, params)
-    fit, injected = state.fit, 0
-    if params.variant == "corrected" and view.points.shape[1] > 0:
-        now = normalize(belief.log_w)[1] / view.best if view.best > 0.0 else 0.0
-        fit = now if first else fit + _FADING * (now - fit)
-        if not first and fit < params.lost_fit:
-            known = belief.pose.shape[0]
-            belief = _inject(belief, view, heard, assets, params, draw(Purpose.INJECT, sighting.stamp_ns))
-            injected = belief.pose.shape[0] - known
-            state.injected_ns.append(sighting.stamp_ns)
-            fit = 1.0
-    moved = np.asarray(sighting.odometry[:2]) - state.last.odometry[:2]
-    state = state._replace(belief=belief, fit=fit, way_m=state.way_m + float(np.hypot(*moved)))
-    return _conclude(state, sighting, view, heard, seconds, (slip, injected, refined), assets, params, draw)
+        state, glance = _move(state, glance, assets, params, draw)
+    belief = state.belief._replace(log_w=state.belief.log_w - normalize(state.belief.log_w)[1])
+    state = state._replace(belief=weigh(belief, view, glance.heard, assets, params))
+    if params.variant == "corrected" and view.best > 0.0:
+        state, glance = _look_around_if_lost(state, glance, first, assets, params, draw)
+    return _conclude(state, glance, assets, params, draw)
+
+
+def _move(state: State, glance: _Glance, assets: Assets, params: Params, draw: Draw) -> tuple[State, _Glance]:
+    """Particles after the step since the last frame, and new ones where the lines want them."""
+    moved = between(np.array([state.last.odometry]), np.array([glance.sighting.odometry]))[0]
+    rng = draw(Purpose.MOTION, glance.sighting.stamp_ns)
+    belief, slip = _predict(state, glance.sighting, moved, params, rng)
+    state = state._replace(belief=belief, way_m=state.way_m + float(np.hypot(moved[0], moved[1])))
+    if params.variant == "paper":
+        return state, glance._replace(slip_m=slip)
+    count = round(params.refine * params.particles)
+    at = compose(state.pose[None], moved[None])[0]
+    belief, surprise = propose.beside(state.belief, at, glance.view, assets, count, rng)
+    refined = belief.pose.shape[0] - state.belief.pose.shape[0]
+    stretch = _stretched(state.stretch, surprise) if params.adapt else 1.0
+    glance = glance._replace(slip_m=slip, surprise=surprise, refined=refined)
+    return state._replace(belief=belief, stretch=stretch), glance
+
+
+def _look_around_if_lost(
+    state: State, glance: _Glance, first: bool, assets: Assets, params: Params, draw: Draw
+) -> tuple[State, _Glance]:
+    """Where the last frames fit badly, the particles get company of those of a robot that may be anywhere: each side by its
+    prior and its evidence."""
+    stamp_ns, belief = glance.sighting.stamp_ns, state.belief
+    now = normalize(belief.log_w)[1] / glance.view.best
+    fit = now if first else state.fit + _FADING * (now - state.fit)
+    rested = not state.injected_ns or stamp_ns - state.injected_ns[-1] >= _REST_NS
+    if first or fit >= params.lost_fit or not rested:
+        return state._replace(fit=fit), glance
+    # what held at the start need not hold now
+    rng = draw(Purpose.INJECT, stamp_ns)
+    found = start.anywhere(glance.view, glance.heard, Initial(), assets, params, params.particles, rng)
+    found = weigh(found, glance.view, glance.heard, assets, params)
+    state.injected_ns.append(stamp_ns)
+    both = Belief(
+        np.concatenate([belief.pose, found.pose]),
+        np.concatenate([belief.log_w + np.log(1.0 - params.lost_share), found.log_w + np.log(params.lost_share)]),
+        np.concatenate([belief.odds, found.odds]),
+    )
+    return state._replace(belief=both, fit=1.0), glance._replace(injected=found.pose.shape[0])
+
+
+def _stretched(stretch: float, surprise: float) -> float:
+    """The motion's variance in units of its parameters: grows with frames that surprise, fades to 1 with others."""
+    return min(max(stretch * (1.0 + _ADAPT * (min(surprise, _WILD) - 1.0)), 1.0), 1e4)
 
 
 def _heard(state: State, sighting: Sighting, seconds: float, params: Params) -> Heard | None:
@@ -138,15 +188,17 @@ def _heard(state: State, sighting: Sighting, seconds: float, params: Params) -> 
     return Heard(yaw, sigma, min(1.0, seconds / params.compass_memory_s))
 
 
-def _predict(state: State, sighting: Sighting, params: Params, draw: Draw) -> tuple[Belief, float]:
-    """Particles after the step since the last frame, and the largest slip of a wheel (m)."""
+def _predict(
+    state: State, sighting: Sighting, moved: NDArray[np.float64], params: Params, rng: np.random.Generator
+) -> tuple[Belief, float]:
+    """Particles after the step `moved` since the last frame, and the largest slip of a wheel (m)."""
     belief, now, last = state.belief, sighting.rolling, state.last.rolling
-    moved = between(np.array([state.last.odometry]), np.array([sighting.odometry]))[0]
-    rng = draw(Purpose.MOTION, sighting.stamp_ns)
     if now is None or last is None or now.rolled_m.shape != last.rolled_m.shape:
         z = rng.standard_normal(belief.pose.shape)
-        return belief._replace(pose=odometry.predict(belief.pose, moved, step_noise(moved, params), z)), 0.0
+        sd = math.sqrt(state.stretch) * step_noise(moved, params)
+        return belief._replace(pose=odometry.predict(belief.pose, moved, sd, z)), 0.0
     mean, sd, residual = _wheel_errors(now, last, params)
+    sd = math.sqrt(state.stretch) * sd
     z = rng.standard_normal((belief.pose.shape[0], sd.size))
     back = wheels.inverse(now.jacobian)
     pose = wheels.predict(belief.pose, wheels.midway(moved), back, mean, sd, z)
@@ -163,34 +215,11 @@ def _wheel_errors(
     return params.wheel_bias * travel, sd, residual
 
 
-def _inject(
-    belief: Belief, view: View, heard: Heard | None, assets: Assets, params: Params, rng: np.random.Generator
-) -> Belief:
-    """The particles get company of those of a robot that may be anywhere: each side by its prior and its evidence."""
-    # what held at the start need not hold now
-    found = start.anywhere(view, heard, Initial(), assets, params, params.particles, rng)
-    found = weigh(found, view, heard, assets, params)
-    return Belief(
-        np.concatenate([belief.pose, found.pose]),
-        np.concatenate([belief.log_w + np.log(1.0 - params.lost_share), found.log_w + np.log(params.lost_share)]),
-        np.concatenate([belief.odds, found.odds]),
-    )
-
-
-def _conclude(
-    state: State,
-    sighting: Sighting,
-    view: View,
-    heard: Heard | None,
-    seconds: float,
-    counts: tuple[float, int, int],
-    assets: Assets,
-    params: Params,
-    draw: Draw,
-) -> tuple[State, Info]:
+def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info]:
     """Report, learn the compass, then resample."""
+    sighting, view, heard, seconds = glance[:4]
     weights, log_evidence = normalize(state.belief.log_w)
-    belief, mirror_p = choose_side(state.belief, weights, seconds)
+    belief, mirror_p = choose_side(state.belief, weights, seconds, glance.surprise > _WILD)
     pose = belief.pose
     found = estimate.densest(pose, weights, propose.MODE_M, propose.MODE_RAD)
     if params.estimate == "best" or params.variant == "paper":
@@ -205,7 +234,7 @@ def _conclude(
     n_eff = float(effective_sample_size(weights))
     crowded = pose.shape[0] > params.particles
     resample = params.variant == "paper" or crowded or n_eff < params.resample_threshold * pose.shape[0]
-    state.frames.offer(sighting.stamp_ns, found.pose, pose[np.argsort(-weights, kind="stable")], view.points.T)
+    state.frames.offer(sighting.stamp_ns, found.pose, pose, view.points.T)
     info = Info(
         t_ns=sighting.stamp_ns,
         best_log_w=float(belief.log_w.max()),
@@ -222,16 +251,16 @@ def _conclude(
         compass_residual_rad=residual,
         compass_bias_rad=bias.mean_rad,
         compass_disturbed=bias.bent_s > 0.0,
-        slip_m=counts[0],
-        injected=counts[1],
-        refined=counts[2],
+        slip_m=glance.slip_m,
+        injected=glance.injected,
+        refined=glance.refined,
         resampled=bool(resample),
         way_m=state.way_m,
         two_x_m=two[0],
         two_y_m=two[1],
         two_yaw_rad=two[2],
     )
-    state = state._replace(bias=bias, last=sighting)
+    state = state._replace(pose=found.pose, bias=bias, last=sighting)
     if not resample:
         return state._replace(belief=belief._replace(log_w=belief.log_w - log_evidence)), info
     rng = draw(Purpose.RESAMPLE, sighting.stamp_ns)

@@ -58,7 +58,7 @@ class Params:
         Opt(
             "lost is whose points have less than this share of the best evidence; 0: never looks (corrected)", "", 0, 1
         ),
-    ] = 0.35
+    ] = 0.1
     lost_share: Annotated[float, Opt("a lost robot may be anywhere with this probability (corrected)", "", 1e-9, 1)] = (
         0.01
     )
@@ -69,6 +69,9 @@ class Params:
     slip_gain: Annotated[float, Opt("wheels that contradict each other are less certain by so much", "m/m", 0, 100)] = (
         2.0
     )
+    adapt: Annotated[
+        bool, Opt("widen the motion's errors while the lines are not where they were predicted (corrected)")
+    ] = True
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share (corrected)", "", 0, 1)] = 0.5
     estimate: Annotated[
         str, Opt("what is reported: mean of the densest hypothesis, or the best particle", choices=("mean", "best"))

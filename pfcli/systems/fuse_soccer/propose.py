@@ -9,55 +9,83 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate
+from pfcli.core.geometry import wrap
+from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.sensor import field_lines
 from pfcli.core.weights import normalize
 from pfcli.systems.fuse_soccer.assets import Assets, View
-from pfcli.systems.fuse_soccer.start import draw_peaks, log_density, precisions
+from pfcli.systems.fuse_soccer.start import draw_peaks, precisions
 from pfcli.systems.fuse_soccer.weigh import Belief
 
 MODE_M, MODE_RAD = 0.6, 0.5
 _LEAST_POINTS = 8
+_WIDER = 1.5
 _NARROWEST = np.diag([0.005**2, 0.005**2, 0.003**2])
 
 
-def beside(belief: Belief, view: View, assets: Assets, count: int, rng: np.random.Generator) -> Belief:
-    """The belief with `count` particles more around the refined pose of its densest hypothesis; few points refine nothing."""
+@kernel
+def _mixture(pose, log_own, prior, prior_inverse, drawn, drawn_inverse, log_gain, share, reach_m, reach_rad):  # type: ignore[no-untyped-def]
+    """Turn own log weights (n,) into those of a mixture: predicted ones, and `share` around `drawn`.
+
+    log_gain: log of the peak of the drawn Gaussian over that of the prior one. Beyond reach nothing was drawn.
+    """
+    for i in range(pose.shape[0]):
+        dx, dy, dt = pose[i, 0] - prior[0], pose[i, 1] - prior[1], wrap(pose[i, 2] - prior[2])
+        if dx * dx + dy * dy > reach_m * reach_m or abs(dt) > reach_rad:
+            log_own[i] -= np.log(1.0 - share)
+            continue
+        ex, ey, et = pose[i, 0] - drawn[0], pose[i, 1] - drawn[1], wrap(pose[i, 2] - drawn[2])
+        ratio = log_gain + 0.5 * (_square(prior_inverse, dx, dy, dt) - _square(drawn_inverse, ex, ey, et))
+        log_own[i] -= np.log((1.0 - share) + share * np.exp(min(ratio, 500.0)))
+
+
+@inline_kernel
+def _square(a, x, y, t):  # type: ignore[no-untyped-def]
+    return (
+        a[0, 0] * x * x
+        + a[1, 1] * y * y
+        + a[2, 2] * t * t
+        + 2.0 * (a[0, 1] * x * y + a[0, 2] * x * t + a[1, 2] * y * t)
+    )
+
+
+@kernel
+def _fused(prior, prior_cov, refined, hessian):  # type: ignore[no-untyped-def]
+    """Product of two Gaussians, widened a little, and the squared distance of their means over what both allow."""
+    off = refined - prior
+    off[2] = wrap(off[2])
+    surprise = off @ (np.linalg.inv(prior_cov + np.linalg.inv(hessian)) @ off) / 3.0
+    cov = np.linalg.inv(hessian + np.linalg.inv(prior_cov))
+    return prior + cov @ (hessian @ off), _WIDER * cov + _NARROWEST, surprise
+
+
+def beside(
+    belief: Belief,
+    at: NDArray[np.float64],
+    view: View,
+    assets: Assets,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[Belief, float]:
+    """The belief with `count` particles more around the refined pose of the hypothesis at `at` (3,), and how surprising that
+    pose is: its squared distance from the predicted one over what both allow, 1 on the average. Few points refine nothing."""
     if count == 0 or view.points.shape[1] < _LEAST_POINTS:
-        return belief
+        return belief, 1.0
     n = belief.pose.shape[0]
     weights, _ = normalize(belief.log_w)
-    prior = estimate.densest(belief.pose, weights, MODE_M, MODE_RAD)
+    prior = estimate.around(belief.pose, weights, at, MODE_M, MODE_RAD)
     prior_cov = prior.cov + _NARROWEST
     refined, hessian = field_lines.refine(
         prior.pose[None], view.points, view.sigma_m, assets.table, assets.field.lines, view.worth
     )
-    off = refined[0] - prior.pose
-    off[2] = np.remainder(off[2] + np.pi, 2 * np.pi) - np.pi
-    before, _ = precisions(prior_cov[None])
-    cov = np.linalg.inv(hessian[0] + before[0])
-    mean = prior.pose + cov @ (hessian[0] @ off)
-    wide = 1.5 * cov + _NARROWEST
-    drawn = draw_peaks(mean[None], wide[None], np.zeros(count, np.int64), rng.standard_normal((count, 3)))
+    mean, cov, surprise = _fused(prior.pose, prior_cov, refined[0], hessian[0])
+    both = np.stack([prior_cov, cov])
+    inverse, peak = precisions(both)
+    drawn = draw_peaks(mean[None], both[1:], np.zeros(count, np.int64), rng.standard_normal((count, 3)))
     pose = np.concatenate([belief.pose, drawn])
-    log_prior = _log_gaussian(pose, prior.pose, prior_cov) + np.log(max(prior.mass, 1e-9))
-    log_drawn = _log_gaussian(pose, mean, wide)
-    inside = estimate.members(pose, prior.pose, MODE_M, MODE_RAD)
-    share = count / (n + count)
     # what was there keeps its weight; what is new has that of an equal share of the predicted ones
-    log_own = np.concatenate([belief.log_w, np.full(count, np.log(weights.sum() / n))])
-    ratio = -np.log((1.0 - share) + share * np.exp(np.minimum(log_drawn - log_prior, 500.0)))
-    ratio = np.where(inside, ratio, -np.log(1.0 - share))
-    odds = np.concatenate([belief.odds, np.full(count, _odds_of(belief, weights))])
-    return Belief(pose, log_own + ratio, odds)
-
-
-def _log_gaussian(
-    poses: NDArray[np.float64], mean: NDArray[np.float64], cov: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    precision, peak = precisions(cov[None])
-    return np.asarray(log_density(poses, mean[None], precision, peak, np.ones(1)))
-
-
-def _odds_of(belief: Belief, weights: NDArray[np.float64]) -> float:
-    """Odds of the heaviest particle: all of one hypothesis share them nearly."""
-    return float(belief.odds[int(np.argmax(weights))])
+    log_w = np.concatenate([belief.log_w, np.full(count, -np.log(n))])
+    gain = float(peak[1] - peak[0] - np.log(max(prior.mass, 1e-9)))
+    _mixture(pose, log_w, prior.pose, inverse[0], mean, inverse[1], gain, count / (n + count), MODE_M, MODE_RAD)
+    odds = np.concatenate([belief.odds, np.full(count, belief.odds[int(np.argmax(weights))])])
+    return Belief(pose, log_w, odds), float(surprise)

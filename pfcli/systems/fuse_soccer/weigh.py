@@ -20,7 +20,7 @@ ONE_SIDE = -np.inf
 """Odds of particles that stand for one pose only."""
 
 _SURE = 8.0
-_FORGET_PER_S = 0.02
+_FORGET_PER_S, _FORGET_CARRIED = 0.02, 0.2
 
 
 class Heard(NamedTuple):
@@ -118,15 +118,16 @@ def weigh(belief: Belief, view: View, heard: Heard | None, assets: Assets, param
     return Belief(pose, log_w, odds)
 
 
-def choose_side(belief: Belief, weights: NDArray[np.float64], seconds: float) -> tuple[Belief, float]:
+def choose_side(belief: Belief, weights: NDArray[np.float64], seconds: float, carried: bool) -> tuple[Belief, float]:
     """The belief with all particles shown on the likelier side, and the probability of the other one.
 
-    seconds: since the last sighting; what was known of the side fades a little, for robots are carried.
+    seconds: since the last sighting. What was known of the side fades a little, for robots are carried, and more if this
+    one seems to have been.
     """
     if belief.odds.size == 0 or belief.odds[0] == ONE_SIDE:
         return belief, 0.0
     pose, odds = belief.pose.copy(), belief.odds.copy()
-    _forget(odds, min(1.0, _FORGET_PER_S * seconds))
+    _forget(odds, min(1.0, _FORGET_PER_S * seconds + _FORGET_CARRIED * carried))
     _gather_sides(pose, odds, pose[int(np.argmax(weights)), 2])
     share = float(share_turned(weights, odds))
     if share > 0.5:
