@@ -16,6 +16,10 @@ _COMMANDS = {
     "simulate": ("pfcli.commands.simulate:simulate", "Worlds, robots and sensors with truth -> MCAP."),
     "evaluate": ("pfcli.commands.evaluate:evaluate", "A track against truth or relations; a map against itself."),
     "calibrate": ("pfcli.commands.calibrate:calibrate", "What localize-reliable decides by, learnt from a map."),
+    "calibrate-omni": (
+        "pfcli.commands.calibrate_omni:calibrate_omni",
+        "A robot's wheels and the spread of its line points, from a log with truth.",
+    ),
     "table": ("pfcli.commands.table:table", "The range table of a map, as localize-lookup uses it."),
     "params": ("pfcli.commands.params:params", "A system's parameters as TOML."),
 }

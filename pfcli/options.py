@@ -130,6 +130,21 @@ def drive_of(given: dict[str, Any]) -> Drive:
     return Drive(**values)
 
 
+def drive_toml(drive: Drive) -> str:
+    """A Drive as a `--drive` file."""
+    lines = ["# the wheels of a robot, for --drive"]
+    for flag, field in _DRIVE_FILE.items():
+        value = getattr(drive, field)
+        if value in (None, (), 0.0):
+            continue
+        items = [
+            f'"{v}"' if isinstance(v, str) else repr(round(v, 6))
+            for v in (value if isinstance(value, tuple) else (value,))
+        ]
+        lines.append(f"{flag} = " + (f"[{', '.join(items)}]" if isinstance(value, tuple) else items[0]))
+    return "\n".join(lines) + "\n"
+
+
 def _drive_file(path: Path) -> dict[str, Any]:
     """Fields of a TOML file as `pfcli calibrate-omni` writes it."""
     values: dict[str, Any] = {}

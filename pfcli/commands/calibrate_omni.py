@@ -1,0 +1,152 @@
+"""`pfcli calibrate-omni LOG...`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pfcli.errors import LogError, UsageError
+from pfcli.options import drive_of, drive_toml, reading_options, settings_of
+
+if TYPE_CHECKING:
+    from pfcli.align import Drive
+    from pfcli.replay import Log
+    from pfcli.systems.fuse_soccer.calibration import Rolled, Spread
+
+_LEAST_ROWS = 50
+
+
+@click.command("calibrate-omni")
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for drive.toml and params.toml.")
+@click.option(
+    "--test", "tests", multiple=True, type=click.Path(path_type=Path), help="Log to judge the result by; repeatable."
+)
+@click.option("--field", default="msl-18x12", show_default=True, help="Field whose lines the points are on.")
+@click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+@reading_options
+def calibrate_omni(
+    logs: tuple[Path, ...], out: Path, tests: tuple[Path, ...], field: str, force: bool, as_json: bool, **given: Any
+) -> None:
+    """Measure a robot's wheels and its vision from LOGS with truth.
+
+    Give the wheels' measures as they are believed to be: radii, arm, angles (omni), track and axle distance (mecanum), and
+    the result stays near them where the logs say little. Points of field lines, where a log has them, give their spread by
+    range and its histograms (histograms.parquet).
+
+    Example: pfcli calibrate-omni log.mcap --base omni --wheel-radius-m 0.06 --wheel-arm-m 0.2 --wheel-angle-deg 45 --out cal
+    """
+    from pfcli.outputs import check, output_dir
+
+    settings, drive = settings_of(given), drive_of(given)
+    drive.jacobian()
+    check(out, force=force)
+
+    from pfcli.commands.show import emit
+    from pfcli.formats import parquet
+    from pfcli.replay import Log
+    from pfcli.systems.fuse_soccer import calibration
+    from pfcli.systems.fuse_soccer.calibration import Fit
+
+    opened = [Log(path, settings) for path in logs]
+    runs = [_rolled(log, drive) for log in opened]
+    fit, before = calibration.fit_wheels(runs, drive), Fit(drive, (0.0, 0.0, 0.0))
+    judged = [(str(path), _rolled(Log(path, settings), drive)) for path in tests]
+    judged = judged or [(str(path), run) for path, run in zip(logs, runs, strict=True)]
+    errors = {
+        name: {
+            key: round(value, 4)
+            for which, measures in (("before", before), ("after", fit))
+            for key, value in zip(
+                (f"{which}_mean_m", f"{which}_max_m"), calibration.error_m(run, measures), strict=True
+            )
+        }
+        for name, run in judged
+    }
+    spread = _spread(opened[0], runs[0], field) if opened[0].choose("lines") else None
+    with output_dir(out, force=force) as folder:
+        (folder / "drive.toml").write_text(drive_toml(fit.drive))
+        if spread is not None:
+            hit = float((spread.hit * spread.points).sum() / spread.points.sum())
+            text = f'sigma = "{calibration.sigma_text(spread)}"\nhit = {hit:.4f}\n'
+            (folder / "params.toml").write_text("# of line points, by calibrate-omni\n" + text)
+            columns = spread._asdict() | {"histogram": list(spread.histogram)}
+            parquet.write(folder / "histograms.parquet", columns, {"bin_m": calibration.REACH_M / 40})
+    values = {
+        "out": str(out),
+        "drive": {k: v for k, v in fit.drive._asdict().items() if v not in (None, (), 0.0)},
+        "tracked_body_at": [round(v, 4) for v in fit.mount],
+        "dead_reckoning": errors,
+    }
+    if spread is not None:
+        values["sigma"] = calibration.sigma_text(spread)
+    lines = [
+        f"{name}: dead reckoning off by {e['before_mean_m']:.3f} m on the average before,"
+        f" {e['after_mean_m']:.3f} m after (maximum {e['after_max_m']:.3f} m)"
+        for name, e in errors.items()
+    ]
+    emit(values, [f"{out}: drive.toml" + (", params.toml" if spread is not None else ""), *lines], as_json)
+
+
+def _rolled(log: "Log", drive: "Drive") -> "Rolled":
+    """Wheel angles and truth of a log. Raises UsageError or LogError naming what is missing."""
+    import numpy as np
+
+    from pfcli.align import DeadReckoning
+    from pfcli.events import Truth
+    from pfcli.systems.fuse_soccer.calibration import rolled_of
+
+    for role in ("encoders", "truth"):
+        if log.choose(role) is None:
+            raise UsageError(f"{log.path}: has no {role} topic; map one with --topic {role}=TOPIC")
+    reckon = DeadReckoning("encoders", drive, log.loss)
+    rows, truth = [], []
+    for event in log.events(["encoders", "truth"]):
+        if isinstance(event, Truth):
+            truth.append(tuple(event))
+        elif reckon(event) is not None and reckon.rolled.size:
+            rows.append((event.stamp_ns, reckon.rolled[0]))
+    if len(rows) < _LEAST_ROWS or len(truth) < _LEAST_ROWS:
+        raise LogError(
+            f"{log.path}: holds {len(rows)} encoder readings and {len(truth)} true poses; {_LEAST_ROWS} of each are needed"
+        )
+    radius = np.broadcast_to(np.array(drive.radius_m), rows[0][1].size)
+    angles = np.array([travel for _, travel in rows]) / radius
+    stamps, true_ns = np.array([t for t, _ in rows], np.int64), np.array([t[0] for t in truth], np.int64)
+    found = rolled_of(stamps, angles, true_ns, np.array([t[1:4] for t in truth], float))
+    if found.seconds.size < _LEAST_ROWS:
+        raise LogError(f"{log.path}: encoders and truth do not overlap in time; see --time-offset")
+    return found
+
+
+def _spread(log: "Log", run: "Rolled", field: str) -> "Spread":
+    """How far the points of lines are from the lines, at the true poses."""
+    import numpy as np
+
+    from pfcli.core.geometry import compose
+    from pfcli.core.sensor.field_lines import nearest_line
+    from pfcli.events import LinePoints, Truth
+    from pfcli.formats import field_yaml
+    from pfcli.systems.fuse_soccer.calibration import spread_by_range
+
+    lines = field_yaml.read(field).lines
+    truth, seen = [], []
+    for event in log.events(["lines", "truth"]):
+        if isinstance(event, Truth):
+            truth.append(tuple(event))
+        elif isinstance(event, LinePoints):
+            seen.append(event)
+    stamps = np.array([t[0] for t in truth], np.int64)
+    poses = np.array([t[1:4] for t in truth], float)
+    ranges, distances = [], []
+    for event in seen:
+        k = int(np.searchsorted(stamps, event.stamp_ns))
+        if k == len(truth) or stamps[k] - event.stamp_ns > 20_000_000:
+            continue
+        places = compose(poses[k : k + 1], np.column_stack([event.points_m, np.zeros(len(event.points_m))]))
+        ranges.append(np.hypot(*event.points_m.T))
+        distances.append([nearest_line(lines.segments, lines.arcs, x, y)[0] for x, y, _ in places])
+    if not ranges:
+        raise LogError(f"{log.path}: no line points have a true pose within 20 ms")
+    return spread_by_range(np.concatenate(ranges), np.concatenate(distances))
