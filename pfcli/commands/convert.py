@@ -12,6 +12,7 @@ from pfcli.options import Finite
 
 if TYPE_CHECKING:
     from pfcli.events import Scan
+    from pfcli.formats.lineframes import Frame
     from pfcli.formats.ticklogs import TickLog
 
 
@@ -52,12 +53,13 @@ def convert(
     """Convert SOURCE to an MCAP log.
 
     SOURCE: CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3; tinySLAM .dat, the folder of a LEGO
-    robot or a tricycle's .txt, whose wheel ticks stay ticks.
+    robot, a tricycle's .txt or OptiOdom's .csv, whose wheel ticks stay ticks; a frame of field lines (Falcons' .json,
+    Carpe Noctem's LinePoints.txt).
 
     Example: pfcli convert intel.clf.bz2 intel.mcap
     """
     from pfcli.commands.show import emit, lost, say
-    from pfcli.formats import rosbag, ticklogs
+    from pfcli.formats import lineframes, rosbag, ticklogs
 
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")
@@ -66,6 +68,9 @@ def convert(
     reader = ticklogs.reader_of(source)
     if reader is not None:
         return _ticks(reader(source), target, (range_scale, range_max), compression, as_json)
+    frame = lineframes.reader_of(source)
+    if frame is not None:
+        return _frame(frame(source), target, compression, as_json)
     if source.suffix in (".bag", ".db3") or source.is_dir():
         counts: dict[str, Any] = rosbag.convert(source, target, compression)
         emit(
@@ -107,6 +112,27 @@ def _ticks(log: "TickLog", target: Path, ranges: tuple[float, float | None], com
     found = {"out": str(target), "ticks": ticks, "scans": scans, "unreadable_lines": log.broken, "hint": log.hint}
     emit(found, [f"{target}: {ticks} encoder readings, {scans} scans; {log.hint}"], as_json)
     return lost({"unreadable line": log.broken} if log.broken else {}, [])
+
+
+def _frame(frame: "Frame", target: Path, compression: str, as_json: bool) -> int:
+    from pfcli.commands.show import emit
+    from pfcli.events import Heading, LinePoints, Odometry
+    from pfcli.formats.log_writer import LogWriter
+
+    points = 0
+    with LogWriter(target, compression) as out:
+        for event in frame.events:
+            if isinstance(event, LinePoints):
+                out.line_points(event)
+                points = event.points_m.shape[0]
+            elif isinstance(event, Heading):
+                out.heading(event)
+            elif isinstance(event, Odometry):
+                out.odometry(event)
+            else:
+                out.pose(event.stamp_ns, event[1:4])
+    emit({"out": str(target), "points": points}, [f"{target}: one frame of {points} line points"], as_json)
+    return 0
 
 
 def _scaled(scan: "Scan", ranges: tuple[float, float | None]) -> "Scan":

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from pfcli.errors import OutputError, reason
-from pfcli.events import Odometry, Pose2, Scan, Ticks
+from pfcli.events import Heading, LinePoints, Odometry, Pose2, Scan, Ticks
 from pfcli.formats.schemas import json_schema, ros2msg, typestore
 
 _HEAD = b"\x00\x01\x00\x00"
@@ -106,6 +106,14 @@ class LogWriter:
         )
         body += np.asarray(scan.ranges_m, "<f4").tobytes() + struct.pack("<I", 0)
         self.raw(topic, "sensor_msgs/msg/LaserScan", scan.stamp_ns, _HEAD + body)
+
+    def heading(self, heading: Heading, topic: str = "/compass") -> None:
+        """Append pfcli.Heading."""
+        self.json(topic, "pfcli.Heading", heading.stamp_ns, yaw_rad=round(heading.yaw_rad, 4))
+
+    def line_points(self, lines: LinePoints, topic: str = "/lines") -> None:
+        """Append pfcli.LinePoints, to the millimetre."""
+        self.json(topic, "pfcli.LinePoints", lines.stamp_ns, points_m=np.round(lines.points_m, 3).tolist())
 
     def range_finder(self, stamp_ns: int, range_m: float, limits_m: tuple[float, float], name: str) -> None:
         """Append sensor_msgs/Range to /range/NAME, in frame range_NAME."""

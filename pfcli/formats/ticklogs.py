@@ -1,4 +1,4 @@
-"""Text logs that hold wheel ticks: tinySLAM / CoreSLAM `.dat`, the LEGO robot's folder, the tricycle's log.
+"""Text logs that hold wheel ticks: tinySLAM / CoreSLAM `.dat`, the LEGO robot's folder, the tricycle's log, OptiOdom's CSV.
 
 Every reader gives the same: events in the order of the file, where the scanner sits, how many lines it could not read,
 and what to say on the command line to turn ticks into motion.
@@ -37,6 +37,8 @@ def reader_of(source: Path) -> Callable[[Path], TickLog] | None:
     name = source.name.removesuffix(".gz").removesuffix(".bz2")
     if name.endswith(".dat"):
         return tinyslam
+    if name.endswith(".csv"):
+        return optiodom if _metadata(source).is_file() else None
     if name.endswith(".txt"):
         if name.endswith(("_motors.txt", "_scan.txt")):
             return lambda file: lego(file.parent)
@@ -126,6 +128,59 @@ def tricycle(source: Path) -> TickLog:
             broken += 1
     hint = "a tricycle: steering in 1/8192 turns, traction in 1/5000 turns"
     return _checked(source, TickLog(events, Pose2(*mount, 0.0), broken, hint))
+
+
+_OMNI3_DEG = (-60, 60, 180)
+_MECANUM = ("front_left", "front_right", "rear_left", "rear_right")
+
+
+def _metadata(source: Path) -> Path:
+    return source.with_name(source.name.rpartition("_run")[0] + "_metadata.csv")
+
+
+def optiodom(source: Path) -> TickLog:
+    """OptiOdom `*_run-NN.csv`: time (s), true x, y, yaw, ticks per cycle of each wheel; with its `*_metadata.csv` beside it.
+
+    Positive ticks turn those robots clockwise: the wheels of omni3 are negated, and the left ones of the four of omni4 are
+    as they are. Wheels without an encoder's resolution count turns, of which 1/65536 is kept.
+    """
+    meta = {words[0].strip(): [w for w in words[1:] if w.strip()] for words in _rows(_metadata(source)) if words}
+    try:
+        kind, turn = meta["type"][0], float(meta["ngear"][0]) * float(meta["encRes"][0])
+        arms, diameter = [float(v) for v in meta["Li"]], [float(v) for v in meta["Di"]]
+        wheels = {"omni3": 3, "omni4": 4}[kind]
+    except (KeyError, IndexError, ValueError):
+        raise LogError(f"{_metadata(source)}: fields type (omni3, omni4), ngear, encRes, Li, Di are needed") from None
+    fine = 1.0 if turn > 1.0 else 65536.0
+    sign = np.array([-1.0] * 3 if wheels == 3 else [1.0, -1.0, 1.0, -1.0])
+    names = _MECANUM if wheels == 4 else ("wheel_1", "wheel_2", "wheel_3")
+    events: list[Ticks | Scan | Truth] = []
+    broken, rolled = 0, np.zeros(wheels)
+    for words in _rows(source):
+        try:
+            stamp = _stamp(round(float(words[0]) * 1e9))
+            x, y, yaw = (float(v) for v in words[1:4])
+            step = np.array([float(v) for v in words[4 : 4 + wheels]])
+            if step.size != wheels or not np.isfinite([x, y, yaw, *step]).all():
+                raise ValueError
+        except (ValueError, IndexError):
+            broken += 1
+            continue
+        rolled += step
+        events.append(Ticks(stamp, names, np.rint(sign * rolled * fine).astype(np.int64), turn * fine, True))
+        events.append(Truth(stamp, x, y, yaw))
+    radius = f"--motion encoders --wheel-radius-m {diameter[0] / 2:g}"
+    angles = " ".join(f"--wheel-angle-deg {a}" for a in _OMNI3_DEG)
+    hint = {
+        3: f"{radius} --base omni --wheel-joints {','.join(names)} --wheel-arm-m {arms[0]:g} {angles}",
+        4: f"{radius} --base mecanum --track-width-m {arms[-1]:g} --axle-distance-m {arms[0]:g}",
+    }[wheels]
+    return _checked(source, TickLog(events, Pose2(), broken, hint))
+
+
+def _rows(path: Path) -> Iterator[list[str]]:
+    for line in _lines(path):
+        yield line.lstrip("\ufeff").strip().split(",")
 
 
 def _none(ranges_m: NDArray[np.float32]) -> NDArray[np.float32]:

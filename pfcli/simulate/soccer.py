@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from pfcli.core.geometry import between
 from pfcli.core.motion import wheels
 from pfcli.core.sensor.field_lines import Lines, samples
+from pfcli.events import Heading, LinePoints
 from pfcli.formats import field_yaml, map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.rng import Purpose, rng_for
@@ -93,6 +94,7 @@ SCENARIOS = {
         Soccer("soccer-collisions", shift_noise=0.05, turn_noise=0.05, collide_every_s=5.0),
         Soccer("soccer-kidnap", kidnap_every_s=8.0),
         Soccer("soccer-landmarks", points=20, landmarks=True),
+        Soccer("soccer-landmarks-only", points=0, landmarks=True),
         Soccer("soccer-sample", route="fig4", points=40, frame_hz=10.0, robots=3, bent=True, landmarks=True),
     )
 }
@@ -272,8 +274,8 @@ def _put(log: LogWriter, now: Instant) -> None:
     )
     if now.points_m is None:
         return
-    log.json("/compass", "pfcli.Heading", now.stamp_ns, yaw_rad=round(now.compass_rad, 4))
-    log.json("/lines", "pfcli.LinePoints", now.stamp_ns, points_m=np.round(now.points_m, 3).tolist())
+    log.heading(Heading(now.stamp_ns, now.compass_rad, math.nan))
+    log.line_points(LinePoints(now.stamp_ns, now.points_m))
     if now.landmarks:
         rows = [{"id": name, "range_m": round(r, 3), "bearing_rad": round(b, 4)} for name, r, b in now.landmarks]
         log.json("/landmarks", "pfcli.Landmarks", now.stamp_ns, landmarks=rows)

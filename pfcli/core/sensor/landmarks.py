@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.geometry import cholesky3, solve3, wrap
 from pfcli.core.jit import kernel
 
 
@@ -43,6 +44,104 @@ def evidence(poses: NDArray[np.float64], detections: Detections, hit: float, are
     out = np.empty(poses.shape[0])
     _evidence(poses, detections.seen_m, detections.places_m, detections.start, detections.sigma_m, hit, area_m2, out)
     return out
+
+
+def best_evidence(detections: Detections, hit: float, area_m2: float) -> float:
+    """Evidence of detections that all stand exactly where they should."""
+    peak = hit * area_m2 / (2 * np.pi * detections.sigma_m**2)
+    return float(np.log(peak + 1.0 - hit).sum())
+
+
+_STEPS, _GATE, _LOOSE = 6, 4.0, 1.0
+
+
+@kernel
+def _refine(poses, seen, places, start, sigma, hessian):  # type: ignore[no-untyped-def]
+    low, g, move = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    for i in range(poses.shape[0]):
+        h = hessian[i]
+        for _ in range(_STEPS):
+            h[:] = _LOOSE * np.eye(3)
+            g[:] = 0.0
+            c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+            for k in range(seen.shape[0]):
+                ox, oy = c * seen[k, 0] - s * seen[k, 1], s * seen[k, 0] + c * seen[k, 1]
+                best, ex, ey = np.inf, 0.0, 0.0
+                for j in range(start[k], start[k + 1]):
+                    dx, dy = poses[i, 0] + ox - places[j, 0], poses[i, 1] + oy - places[j, 1]
+                    if dx * dx + dy * dy < best:
+                        best, ex, ey = dx * dx + dy * dy, dx, dy
+                v = sigma[k] * sigma[k]
+                if best > _GATE * _GATE * max(v, 0.04):
+                    continue
+                h[0, 0] += 1.0 / v
+                h[1, 1] += 1.0 / v
+                h[0, 2] -= oy / v
+                h[1, 2] += ox / v
+                h[2, 2] += (ox * ox + oy * oy) / v
+                g[0] += ex / v
+                g[1] += ey / v
+                g[2] += (ox * ey - oy * ex) / v
+            h[2, 0], h[2, 1] = h[0, 2], h[1, 2]
+            cholesky3(h, low)
+            solve3(low, g, move)
+            for m in range(3):
+                poses[i, m] -= move[m]
+        poses[i, 2] = wrap(poses[i, 2])
+
+
+def refine(poses: NDArray[np.float64], detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses (k, 3) moved to where detections stand on their nearest places, and the Hessian (k, 3, 3) of the error there;
+    detections far from any place are left out."""
+    out, hessian = poses.copy(), np.empty((poses.shape[0], 3, 3))
+    _refine(out, detections.seen_m, detections.places_m, detections.start, detections.sigma_m, hessian)
+    return out, hessian
+
+
+@kernel
+def _pairs(seen, places, start, sigma, out):  # type: ignore[no-untyped-def]
+    count = 0
+    for i in range(seen.shape[0]):
+        for j in range(i):
+            sx, sy = seen[i, 0] - seen[j, 0], seen[i, 1] - seen[j, 1]
+            far = np.hypot(sx, sy)
+            for a in range(start[i], start[i + 1]):
+                for b in range(start[j], start[j + 1]):
+                    px, py = places[a, 0] - places[b, 0], places[a, 1] - places[b, 1]
+                    apart = np.hypot(px, py)
+                    if apart < 0.1 or abs(apart - far) > 3.0 * (sigma[i] + sigma[j]) or count == out.shape[0]:
+                        continue
+                    turn = np.arctan2(py, px) - np.arctan2(sy, sx)
+                    c, s = np.cos(turn), np.sin(turn)
+                    mx, my = (seen[i, 0] + seen[j, 0]) / 2, (seen[i, 1] + seen[j, 1]) / 2
+                    out[count, 0] = (places[a, 0] + places[b, 0]) / 2 - c * mx + s * my
+                    out[count, 1] = (places[a, 1] + places[b, 1]) / 2 - s * mx - c * my
+                    out[count, 2] = wrap(turn)
+                    count += 1
+    return count
+
+
+def pair_poses(detections: Detections, most: int) -> NDArray[np.float64]:
+    """Poses (c, 3), at most `most`, from which two detections are as far apart as two of their places are."""
+    out = np.empty((most, 3))
+    count = _pairs(detections.seen_m, detections.places_m, detections.start, detections.sigma_m, out)
+    return out[:count]
+
+
+def triangulated(detections: Detections) -> tuple[float, float, float] | None:
+    """The pose from the two detections of one place each that stand farthest apart in angle. Zhang 2011, section 2.2."""
+    seen, places, start, _ = detections
+    known = [k for k in range(seen.shape[0]) if start[k + 1] - start[k] == 1]
+    best, pick = 0.1, None
+    for i, j in ((i, j) for i in known for j in known if i < j):
+        a, b = (math.atan2(seen[k, 1], seen[k, 0]) for k in (i, j))
+        spread = abs(math.sin(a - b))
+        if spread > best and not np.array_equal(places[start[i]], places[start[j]]):
+            best, pick = spread, (i, j)
+    if pick is None:
+        return None
+    first, second = (tuple(places[start[k]].tolist()) for k in pick)
+    return two_landmarks((first, second), seen[list(pick)])
 
 
 def two_ranges(

@@ -16,8 +16,8 @@ from pfcli.formats.field_yaml import Field
 from pfcli.initial import Initial
 from pfcli.systems.fuse_soccer.params import Params
 
-_BLIND_M = 0.3
-"""Added to the spread where poses are only being looked for: the trial poses are so far apart."""
+BLIND_M = 0.3
+"""Added to the spread (m) where poses are only being looked for: the trial poses are so far apart."""
 
 
 class Assets(NamedTuple):
@@ -36,7 +36,7 @@ class Assets(NamedTuple):
 
 class View(NamedTuple):
     """What is used of a sighting: points float32 (2, b), the spread (b,) of each (m), how much each is worth, the best evidence
-    they could have, landmarks; seen: where points are, for lines that ought to be seen (None where these do not count)."""
+    the sighting could have, landmarks; seen: where points are (None where lines that are not seen do not count)."""
 
     points: NDArray[np.float32]
     sigma_m: NDArray[np.float64]
@@ -86,7 +86,7 @@ def load(params: Params, job: Any) -> Assets:
         field,
         field_lines.build(field.lines),
         field_lines.evidence_table(sigma, hit, params.reach_m),
-        field_lines.evidence_table(np.hypot(sigma, _BLIND_M), params.hit, params.reach_m),
+        field_lines.evidence_table(np.hypot(sigma, BLIND_M), params.hit, params.reach_m),
         field_lines.samples(field.lines),
         {name: np.array(xy) for name, xy in places.items()},
         float(np.prod(high - low)),
@@ -104,16 +104,12 @@ def view_of(sighting: Sighting, assets: Assets, params: Params) -> View:
     bins = field_lines.range_bins(flat)
     full = params.variant == "paper" or points.shape[0] == 0
     worth = 1.0 if full else min(1.0, params.independent_points / points.shape[0])
+    detections = _detections(sighting, assets, params) if params.vision else None
     best = worth * float(assets.fine.best[bins].sum())
+    if detections is not None:
+        best += landmarks.best_evidence(detections, params.hit, assets.area_m2)
     seen = field_lines.seen_from(points, params.max_range_m) if params.missed and points.size else None
-    return View(
-        flat,
-        assets.fine.sigma_m[bins],
-        worth,
-        best,
-        _detections(sighting, assets, params) if params.vision else None,
-        seen,
-    )
+    return View(flat, assets.fine.sigma_m[bins], worth, best, detections, seen)
 
 
 def _detections(sighting: Sighting, assets: Assets, params: Params) -> Detections | None:
@@ -132,21 +128,3 @@ def _detections(sighting: Sighting, assets: Assets, params: Params) -> Detection
         return None
     start = np.cumsum([0, *(len(p) for p in places)])
     return Detections(np.array(seen), np.concatenate(places), start, np.array(sigma, float))
-
-
-def triangulated(view: View) -> tuple[float, float, float] | None:
-    """The pose from the two detected landmarks of one place each that stand farthest apart in angle. Zhang 2011, section 2.2."""
-    if view.detections is None:
-        return None
-    seen, places, start, _ = view.detections
-    known = [k for k in range(seen.shape[0]) if start[k + 1] - start[k] == 1]
-    best, pick = 0.1, None
-    for i, j in ((i, j) for i in known for j in known if i < j):
-        a, b = (math.atan2(seen[k, 1], seen[k, 0]) for k in (i, j))
-        spread = abs(math.sin(a - b))
-        if spread > best and not np.array_equal(places[start[i]], places[start[j]]):
-            best, pick = spread, (i, j)
-    if pick is None:
-        return None
-    first, second = (tuple(places[start[k]].tolist()) for k in pick)
-    return landmarks.two_landmarks((first, second), seen[list(pick)])

@@ -15,7 +15,7 @@ from pfcli.core import estimate
 from pfcli.core.geometry import between, compose
 from pfcli.core.motion import odometry, wheels
 from pfcli.core.resample import multinomial, systematic
-from pfcli.core.sensor import compass
+from pfcli.core.sensor import compass, landmarks
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Rolling, Sighting
 from pfcli.formats import field_yaml
@@ -24,7 +24,7 @@ from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.fuse_soccer import propose, start
-from pfcli.systems.fuse_soccer.assets import Assets, View, load, triangulated, view_of
+from pfcli.systems.fuse_soccer.assets import Assets, View, load, view_of
 from pfcli.systems.fuse_soccer.params import Params
 from pfcli.systems.fuse_soccer.weigh import Belief, Heard, choose_side, turned, weigh
 from pfcli.systems.pace import step_noise
@@ -230,7 +230,8 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     if found.mass >= _CERTAIN and sd_m <= _CERTAIN_M and mirror_p < 0.5 * (1.0 - _CERTAIN):
         state.certain_ns.append(sighting.stamp_ns)
     bias, residual = _learned(state.bias, heard, found, sd_yaw, seconds, params)
-    two = triangulated(view) or (math.nan, math.nan, math.nan)
+    two = landmarks.triangulated(view.detections) if view.detections is not None else None
+    two = two or (math.nan, math.nan, math.nan)
     n_eff = float(effective_sample_size(weights))
     crowded = pose.shape[0] > params.particles
     resample = params.variant == "paper" or crowded or n_eff < params.resample_threshold * pose.shape[0]

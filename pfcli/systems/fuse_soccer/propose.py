@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from pfcli.core import estimate
 from pfcli.core.geometry import wrap
 from pfcli.core.jit import inline_kernel, kernel
-from pfcli.core.sensor import field_lines
 from pfcli.core.weights import normalize
 from pfcli.systems.fuse_soccer.assets import Assets, View
-from pfcli.systems.fuse_soccer.start import draw_peaks, precisions
+from pfcli.systems.fuse_soccer.start import draw_peaks, precisions, refined
 from pfcli.systems.fuse_soccer.weigh import Belief
 
 MODE_M, MODE_RAD = 0.6, 0.5
@@ -67,18 +66,20 @@ def beside(
     count: int,
     rng: np.random.Generator,
 ) -> tuple[Belief, float]:
-    """The belief with `count` particles more around the refined pose of the hypothesis at `at` (3,), and how surprising that
-    pose is: its squared distance from the predicted one over what both allow, 1 on the average. Few points refine nothing."""
-    if count == 0 or view.points.shape[1] < _LEAST_POINTS:
+    """The belief with `count` particles more around the refined pose of the hypothesis at `at` (3,), and the surprise.
+
+    The surprise is the squared distance of the refined pose from the predicted one over what both allow, 1 on the average.
+    Few points without two landmarks refine nothing.
+    """
+    marks = 0 if view.detections is None else view.detections.seen_m.shape[0]
+    if count == 0 or (view.points.shape[1] < _LEAST_POINTS and marks < 2):
         return belief, 1.0
     n = belief.pose.shape[0]
     weights, _ = normalize(belief.log_w)
     prior = estimate.around(belief.pose, weights, at, MODE_M, MODE_RAD)
     prior_cov = prior.cov + _NARROWEST
-    refined, hessian = field_lines.refine(
-        prior.pose[None], view.points, view.sigma_m, assets.table, assets.field.lines, view.worth
-    )
-    mean, cov, surprise = _fused(prior.pose, prior_cov, refined[0], hessian[0])
+    found, hessian = refined(prior.pose[None], view, assets)
+    mean, cov, surprise = _fused(prior.pose, prior_cov, found[0], hessian[0])
     both = np.stack([prior_cov, cov])
     inverse, peak = precisions(both)
     drawn = draw_peaks(mean[None], both[1:], np.zeros(count, np.int64), rng.standard_normal((count, 3)))

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import cholesky3, wrap
 from pfcli.core.jit import kernel
 from pfcli.core.particles import gaussian
-from pfcli.core.sensor import field_lines
+from pfcli.core.sensor import field_lines, landmarks
 from pfcli.core.weights import normalize
 from pfcli.initial import Initial
-from pfcli.systems.fuse_soccer.assets import Assets, View, triangulated
+from pfcli.systems.fuse_soccer.assets import BLIND_M, Assets, View
 from pfcli.systems.fuse_soccer.params import Params
-from pfcli.systems.fuse_soccer.weigh import ONE_SIDE, Belief, Heard, turned, weigh
+from pfcli.systems.fuse_soccer.weigh import ONE_SIDE, Belief, Heard, weigh
 
 _BEST, _APART_M, _APART_RAD = 24, 0.4, 0.5
 _FLOOR = np.diag([0.02**2, 0.02**2, 0.01**2])
@@ -122,16 +122,15 @@ def peaks(
     view: View, heard: Heard | None, initial: Initial, assets: Assets, params: Params, rng: np.random.Generator
 ) -> Peaks:
     """Where on the field the sighting fits: the best trial poses, refined, as Gaussians with the error's own shape."""
-    folded = assets.field.symmetric
-    trial = anyhow(params.start_particles, heard, initial, assets, folded=folded, rng=rng)
-    found = triangulated(view)
-    if found is not None:
-        trial[0] = found
+    trial = anyhow(params.start_particles, heard, initial, assets, folded=assets.field.symmetric, rng=rng)
+    if view.detections is not None:
+        trial = np.concatenate([trial, landmarks.pair_poses(view.detections, params.start_particles)])
     rough = view.worth * field_lines.evidence(trial, view.points, assets.table, assets.rough)
+    if view.detections is not None:
+        blurred = view.detections._replace(sigma_m=np.hypot(view.detections.sigma_m, BLIND_M))
+        rough += landmarks.evidence(trial, blurred, params.hit, assets.area_m2)
     kept = _distinct(trial, np.argsort(-rough, kind="stable"), _BEST, _APART_M, _APART_RAD)
-    mean, hessian = field_lines.refine(
-        trial[kept], view.points, view.sigma_m, assets.table, assets.field.lines, view.worth
-    )
+    mean, hessian = refined(trial[kept], view, assets)
     nobody = np.zeros(kept.size)
     fit = weigh(Belief(mean, nobody, _odds(kept.size, assets)), view, heard, assets, params).log_w
     cov = np.linalg.inv(hessian) + _FLOOR
@@ -140,6 +139,20 @@ def peaks(
     weight, _ = normalize(np.asarray(fit - log_peak))
     mixed = 0.9 * weight + 0.1 / weight.size
     return Peaks(mean, np.asarray(cov), np.asarray(mixed / mixed.sum()))
+
+
+def refined(poses: NDArray[np.float64], view: View, assets: Assets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses (k, 3) where lines and landmarks want them, and the Hessian (k, 3, 3) of the error there."""
+    if view.points.shape[1] == 0 and view.detections is not None:
+        return landmarks.refine(poses, view.detections)
+    mean, hessian = field_lines.refine(poses, view.points, view.sigma_m, assets.table, assets.field.lines, view.worth)
+    if view.detections is None:
+        return mean, hessian
+    pulled, more = landmarks.refine(mean, view.detections)
+    off = pulled - mean
+    off[:, 2] = wrap(off[:, 2])
+    both = hessian + more
+    return mean + np.linalg.solve(both, more @ off[:, :, None])[:, :, 0], both
 
 
 def _odds(n: int, assets: Assets) -> NDArray[np.float64]:
@@ -157,7 +170,7 @@ def anywhere(
 ) -> Belief:
     """n particles of a robot that may be anywhere, drawn where the sighting fits; their weights undo the choice: prior
     over proposal. Not weighed by the sighting yet."""
-    if view.points.shape[1] == 0:
+    if view.points.shape[1] == 0 and view.detections is None:
         pose = anyhow(n, heard, initial, assets, folded=assets.field.symmetric, rng=rng)
         return Belief(pose, np.full(n, -np.log(n)), _odds(n, assets))
     found = peaks(view, heard, initial, assets, params, rng)
@@ -169,12 +182,3 @@ def anywhere(
     prior = -np.log(area * turn)
     log_w = prior - log_density(pose, found.mean, precision, log_peak, found.weight) - np.log(n)
     return Belief(pose, log_w, _odds(n, assets))
-
-
-def side_of(belief: Belief, yaw_rad: float) -> Belief:
-    """Particles shown on the side that looks the same way as `yaw_rad`."""
-    if belief.odds.size == 0 or belief.odds[0] == ONE_SIDE:
-        return belief
-    away = np.abs(wrap(belief.pose[:, 2] - yaw_rad)) > np.pi / 2
-    pose = np.where(away[:, None], turned(belief.pose), belief.pose)
-    return Belief(pose, belief.log_w, np.where(away, -belief.odds, belief.odds))
