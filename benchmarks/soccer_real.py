@@ -21,7 +21,6 @@ from pfcli.core.geometry import between, compose
 from pfcli.events import Heading, LinePoints, Sighting, Ticks, Truth
 from pfcli.formats import lineframes, rosbag, ticklogs
 from pfcli.formats.log_writer import LogWriter
-from pfcli.initial import Initial
 from pfcli.registry import system
 from pfcli.replay import Log, Settings
 from pfcli.rng import Draw, Purpose, rng_for
@@ -67,7 +66,7 @@ def frames() -> None:
 def _best(field: str, sighting: Sighting, range_m: float = 9.0) -> np.ndarray:
     params = Params(field=field, max_range_m=range_m, points=1000)
     assets = FUSE.load(params, run.Job(FUSE, params, []))
-    found = start.peaks(view_of(sighting, assets, params), None, Initial(), assets, params, np.random.default_rng(0))
+    found = start.peaks(view_of(sighting, assets, params), None, assets, params, np.random.default_rng(0))
     return np.asarray(found.mean[int(np.argmax(found.weight))])
 
 

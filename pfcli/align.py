@@ -84,7 +84,10 @@ class Drive(NamedTuple):
             name for name, value in [("--wheel-radius-m", min(self.radius_m, default=0.0)), *needed] if value <= 0
         ]
         if missing:
-            raise UsageError(f"motion from encoders of a {self.base} base needs {' and '.join(missing)} (> 0)")
+            others = "; other wheels: --base" if self.base == BASES[0] else ""
+            raise UsageError(
+                f"motion from encoders needs {' and '.join(missing)} (> 0) of the {self.base} base{others}, or a --drive file"
+            )
         if self.base == "differential":
             return wheels.differential(self.track_m)
         if self.base == "mecanum":

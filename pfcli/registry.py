@@ -39,6 +39,7 @@ class System(NamedTuple):
     """One particle-filter system.
 
     needs: alternatives, each a set of event kinds that is enough to run; wants: kinds that are read whenever the log has them;
+    readings: what its users call what it is fed;
     load(params, settings) -> assets (tables, maps); init(params, assets, first odometry pose, draw) -> state;
     step(state, reading, assets, params, draw) -> (state, Info or None); finish(state, ...) -> Result.
     """
@@ -52,6 +53,7 @@ class System(NamedTuple):
     step: Callable[..., Any]
     finish: Callable[..., Any]
     wants: tuple[str, ...] = ()
+    readings: str = "scans"
 
 
 def _resolve(target: str) -> Any:

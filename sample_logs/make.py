@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 
 def pfcli(*words: str) -> dict[str, Any]:
     """Run the installed command and return the object it prints."""
-    done = subprocess.run(["pfcli", *words, "--json"], capture_output=True, text=True, check=False)
+    done = subprocess.run(["pfcli", *words, "--json"], capture_output=True, text=True, check=False, cwd=HERE)
     if done.returncode:
         sys.exit(f"pfcli {' '.join(words)}: exit code {done.returncode}\n{done.stderr}")
     found: dict[str, Any] = json.loads(done.stdout)
@@ -32,8 +32,9 @@ def samples() -> dict[str, dict[str, Any]]:
 def make(folder: Path) -> None:
     """Write every sample log with its true map, or with the map that a localiser is given."""
     for name, row in samples().items():
-        which = "--partial-map" if row.get("map", "").endswith("-partial.yaml") else "--true-map"
-        pfcli("simulate", row["simulate"][0], str(folder / f"{name}.mcap"), *row["simulate"][1:], which, "--force")
+        kind = "--partial-map" if row.get("map", "").endswith("-partial.yaml") else "--true-map"
+        which = [] if row["run"][0] == "fuse-soccer" else [kind]
+        pfcli("simulate", row["simulate"][0], str(folder / f"{name}.mcap"), *row["simulate"][1:], *which, "--force")
 
 
 def figures() -> dict[str, dict[str, float]]:
@@ -44,7 +45,7 @@ def figures() -> dict[str, dict[str, float]]:
         with tempfile.TemporaryDirectory() as out:
             given = ["--map", str(HERE / row["map"])] if "map" in row else []
             ran = pfcli(row["run"][0], log, "--out", f"{out}/run", "--truth", "auto", *given, *row["run"][1:])
-            if given:
+            if given or row["run"][0] == "fuse-soccer":
                 found[name] = _localised(ran)
                 continue
             judged = pfcli("evaluate", f"{out}/run/track.tum", "--truth", log, "--true-map", str(HERE / f"{name}.yaml"))

@@ -99,19 +99,20 @@ def _run(name: str, params: type, given: dict[str, Any]) -> int:
         from pfcli.report.plots import draw
 
         draw(given["plot"], done.result, name)
-    emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"]), given["as_json"])
+    emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"], job.system.readings), given["as_json"])
     return lost(summary["lost"], summary["notes"], given["quiet"])
 
 
-def _lines(summary: dict[str, Any], out: Path) -> list[str]:
+def _lines(summary: dict[str, Any], out: Path, readings: str) -> list[str]:
     seconds = summary["seconds"]
     lines = [
-        f"{out}: {summary['scans']} scans over {summary['span_s']:.1f} s and {summary['way_m']:.1f} m,"
+        f"{out}: {summary['scans']} {readings} over {summary['span_s']:.1f} s and {summary['way_m']:.1f} m,"
         f" {summary['updates']} updates in {seconds['loop']:.2f} s ({summary['ms_per_update']:.2f} ms each)"
     ]
     if "truth" in summary:
         t = summary["truth"]
         lines.append(
-            f"against truth: ATE {t['ate_m']:.4f} m, max {t['max_m']:.4f} m, heading {t['heading_rmse_deg']:.3f} deg"
+            f"against truth: ATE {t['ate_m']:.4f} m, mean {t['mean_m']:.4f} m, max {t['max_m']:.4f} m,"
+            f" heading {t['heading_rmse_deg']:.3f} deg"
         )
     return lines

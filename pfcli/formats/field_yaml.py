@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.sensor.field_lines import CELL_M, STEP_M, Lines, build
+from pfcli.core.sensor.field_lines import CELL_M, STEP_M, Lines, Table, build
 from pfcli.errors import LogError, UsageError, reason
 from pfcli.events import Pose2
 from pfcli.formats.map_yaml import GridMap
@@ -221,11 +221,11 @@ def _is_symmetric(lines: Lines) -> bool:
     return ends == turned and arcs == over
 
 
-def drawn(field: Field, resolution_m: float = 0.05) -> GridMap:
-    """The field as a map: its lines are occupied."""
+def drawn(field: Field, table: Table | None = None, resolution_m: float = 0.05) -> GridMap:
+    """The field as a map: its lines are occupied. table: of its lines, if there is one already."""
     low, high = field.lines.low - 1.0, field.lines.high + 1.0
     cols, rows = (int(v) for v in np.round((high - low) / resolution_m))
-    table = build(field.lines)
+    table = build(field.lines) if table is None else table
     x = low[0] + (np.arange(cols) + 0.5) * resolution_m
     y = low[1] + (np.arange(rows) + 0.5) * resolution_m
     col = ((x - table.low[0]) / CELL_M).astype(int)

@@ -49,7 +49,8 @@ def falcons(source: Path) -> Frame:
 def carpe_noctem(source: Path) -> Frame:
     """Carpe Noctem: rows of x, y (mm, robot's frame) and the robot's heading on the field (rad). Raises LogError for others."""
     try:
-        rows = np.loadtxt(source, ndmin=2)
+        lines = source.read_text().splitlines()
+        rows = np.loadtxt(lines, ndmin=2) if any(map(str.strip, lines)) else np.empty((0, 0))
     except (OSError, UnicodeDecodeError) as error:
         raise LogError(f"{source}: cannot be read ({reason(error)})") from None
     except ValueError:

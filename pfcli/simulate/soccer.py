@@ -95,7 +95,7 @@ SCENARIOS = {
         Soccer("soccer-kidnap", kidnap_every_s=8.0),
         Soccer("soccer-landmarks", points=20, landmarks=True),
         Soccer("soccer-landmarks-only", points=0, landmarks=True),
-        Soccer("soccer-sample", route="fig4", points=40, frame_hz=10.0, robots=3, bent=True, landmarks=True),
+        Soccer("soccer-sample", route="fig4", points=30, frame_hz=10.0, robots=3, bent=True, landmarks=True),
     )
 }
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pfcli import registry
+from pfcli.align import Drive
 from pfcli.params import build, fields, to_toml
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -17,8 +18,10 @@ MAPS = {
     "localize-lookup": SAMPLES / "four-rooms.yaml",
     "localize-reliable": SAMPLES / "kidnapped.yaml",
 }
+DRIVES = {"fuse-soccer": Drive("omni", None, (0.06,), arm_m=0.203, angle_deg=(45.0,))}
 WHEELS = ["--wheel-radius-m", "0.1", "--track-width-m", "0.33"]
 RUNS = {
+    "fuse-soccer": ("soccer", ["--end", "8", "--drive", str(SAMPLES / "soccer.toml")]),
     "slam-gdr": ("small-loop", ["--end", "50", "--particles", "6", "--resample-threshold", "0.9"]),
     "localize-lookup": ("four-rooms", ["--end", "25", "--map", str(MAPS["localize-lookup"]), *WHEELS]),
     "localize-reliable": ("kidnapped", ["--end", "30", "--map", str(MAPS["localize-reliable"])]),
@@ -63,7 +66,6 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
     import numba.core.event as events
 
     from pfcli import run
-    from pfcli.align import Drive
     from pfcli.replay import Settings
 
     system = registry.system(name)
@@ -73,7 +75,7 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
         [sample(RUNS[name][0])],
         settings=Settings(end_s=20.0),
         map=MAPS.get(name),
-        drive=Drive(radius_m=(0.1,), track_m=0.33),
+        drive=DRIVES.get(name, Drive(radius_m=(0.1,), track_m=0.33)),
     )
     first = run.execute(job)
     with events.install_recorder("numba:compile") as recorder:

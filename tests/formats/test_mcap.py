@@ -16,7 +16,7 @@ from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats.log_writer import LogWriter, header
 from pfcli.formats.messages import ROLES, SECOND
 from pfcli.formats.schemas import json_schema, ros2msg, ros_types, typestore
-from pfcli.replay import Log, Settings
+from pfcli.replay import Image, Log, Settings
 
 T0 = 1_700_000_000 * SECOND
 
@@ -73,7 +73,8 @@ def test_one_message_of_each_type_goes_through_write_and_read(role: str, schema:
             if hasattr(message, "orientation"):
                 message.orientation_covariance[:] = 0.01
             log.message(topic, schema, T0, message)
-    (event,) = Log(path, Settings(topics={role: topic})).events([role])
+    reading = Settings(topics={role: topic}, image=Image(0.286, (0.0, 0.0)))
+    (event,) = Log(path, reading).events([role])
     assert type(event) is ROLES[role][schema]
     assert event.stamp_ns == T0
 

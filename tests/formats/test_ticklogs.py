@@ -68,3 +68,37 @@ def test_files_without_ticks_are_refused_with_their_name(tmp_path: Path) -> None
         ticklogs.tinyslam(path)
     with pytest.raises(LogError, match="_motors"):
         ticklogs.lego(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "turn", "ticks"),
+    [("omni3", "12,1024", [3, -12, -1]), ("omni4", "1,1", [-3 * 65536, -12 * 65536, 65536, 0])],
+)
+def test_optiodom_with_its_signs_and_units(kind: str, turn: str, ticks: list[int], tmp_path: Path) -> None:
+    gear, resolution = turn.split(",")
+    (tmp_path / "7_metadata.csv").write_text(
+        f"\ufefftype,{kind},,,\nngear,{gear},,,\nencRes,{resolution},,,\nLi,0.2,0.21,,\nDi,0.1,0.1,0.1,\n"
+    )
+    more = ",-0" if kind == "omni4" else ""
+    path = tmp_path / "7_run-01.csv"
+    path.write_text(f"\ufeff0,0,0,0,0,0,0{more}\n0.04,0.1,0.2,0.3,-3,12,1{more}\nx\n")
+    reader = ticklogs.reader_of(path)
+    assert reader is not None
+    log = reader(path)
+    last, truth = log.events[-2:]
+    assert isinstance(last, Ticks)
+    assert isinstance(truth, Truth)
+    assert last.ticks.tolist() == ticks
+    assert last.cumulative
+    assert last.ticks_per_turn == (12288.0 if kind == "omni3" else 65536.0)
+    assert tuple(truth[1:4]) == (0.1, 0.2, 0.3)
+    assert log.broken == 1
+    assert "--wheel-radius-m 0.05" in log.hint
+
+
+def test_optiodom_without_what_is_needed_names_the_metadata(tmp_path: Path) -> None:
+    (tmp_path / "7_metadata.csv").write_text("type,tricyc\n")
+    path = tmp_path / "7_run-01.csv"
+    path.write_text("0,0,0,0,0\n")
+    with pytest.raises(LogError, match=r"7_metadata\.csv.*omni3"):
+        ticklogs.optiodom(path)

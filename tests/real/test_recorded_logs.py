@@ -1,6 +1,7 @@
 """The recorded logs, where they are there: conversion against known facts, and the figures of the benchmark at one seed."""
 
 import json
+import math
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -61,3 +62,42 @@ def test_ros1_bags_are_read(pfcli: Cli, tmp_path: Path) -> None:
     found = json.loads(pfcli("info", tmp_path / "x.mcap", "--json").stdout)
     types = {t["type"]: t for t in found["topics"]}
     assert types["sensor_msgs/msg/JointState"]["rate_hz"] == pytest.approx(49, abs=2)
+
+
+def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: Cli, tmp_path: Path) -> None:
+    """PoliMi's mecanum robot: 0.12-0.18 m of mean error by the nominal radii, at most 0.10 m for the mean of both ways."""
+    from pfcli.align import Drive
+    from pfcli.commands.calibrate_omni import _rolled
+    from pfcli.replay import Log, Settings
+    from pfcli.systems.fuse_soccer import calibration
+
+    bag = needs("polimi-mecanum/bag1.bag") / "polimi-mecanum/bag1.bag"
+    log = tmp_path / "polimi.mcap"
+    assert pfcli("convert", bag, log).returncode == 0
+    drive = Drive("mecanum", None, (0.07,), track_m=0.338, axles_m=0.4, ticks_per_turn=42 * 5)
+    reading = Settings(topics={"truth": "/robot/pose"})
+    halves = [_rolled(Log(log, reading._replace(**cut)), drive) for cut in ({"end_s": 29.4}, {"start_s": 29.4})]
+    errors = []
+    for k in (0, 1):
+        fit = calibration.fit_wheels([halves[k]], drive)
+        errors.append(calibration.error_m(halves[1 - k], fit)[0])
+        assert all(0.07 * 0.9 < r < 0.078 * 1.1 for r in fit.drive.radius_m)
+    assert sum(errors) / 2 < 0.10
+
+
+def test_a_real_frame_of_lines_gives_the_known_pose_or_its_mirror_image(pfcli: Cli, tmp_path: Path) -> None:
+    """The Falcons' frame: within 0.2 m of their solver's pose; which side cannot be seen."""
+    import pyarrow.parquet as pq
+
+    folder = needs("soccer-lines/falcons_r5") / "soccer-lines/falcons_r5"
+    log = tmp_path / "frame.mcap"
+    assert pfcli("convert", next(folder.glob("test3*.json")), log).returncode == 0
+    assert pfcli("fuse-soccer", log, "--max-range-m", 9, "--out", tmp_path / "run").returncode == 0
+    track = pq.read_table(tmp_path / "run/track.parquet").to_pydict()
+    known = (3.004, -0.596)
+    off = [
+        math.hypot(track[a][0] - known[0], track[b][0] - known[1])
+        for a, b in (("x_m", "y_m"), ("mirror_x_m", "mirror_y_m"))
+    ]
+    assert min(off) < 0.2
+    assert track["mirror_p"][0] == pytest.approx(0.5)

@@ -47,7 +47,7 @@ class Bias(NamedTuple):
     """What the compass reads too much (rad), its variance, and for how long (s) it has been bent beyond belief."""
 
     mean_rad: float = 0.0
-    variance: float = math.radians(15.0) ** 2
+    variance: float = math.radians(10.0) ** 2
     bent_s: float = 0.0
 
 

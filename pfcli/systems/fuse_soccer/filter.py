@@ -19,7 +19,6 @@ from pfcli.core.sensor import compass, landmarks
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Rolling, Sighting
 from pfcli.formats import field_yaml
-from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
@@ -120,6 +119,8 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
     if first:
         if assets.initial.kind != "pose" and view.points.shape[1] == 0 and view.detections is None:
             return state._replace(last=sighting), None
+        if assets.initial.heading is not None:
+            glance = glance._replace(heard=Heard(*assets.initial.heading, 1.0))
         rng = draw(Purpose.INIT, sighting.stamp_ns)
         state = state._replace(belief=start.scatter(view, glance.heard, assets, params, rng))
     else:
@@ -161,7 +162,7 @@ def _look_around_if_lost(
         return state._replace(fit=fit), glance
     # what held at the start need not hold now
     rng = draw(Purpose.INJECT, stamp_ns)
-    found = start.anywhere(glance.view, glance.heard, Initial(), assets, params, params.particles, rng)
+    found = start.anywhere(glance.view, glance.heard, assets, params, params.particles, rng)
     found = weigh(found, glance.view, glance.heard, assets, params)
     state.injected_ns.append(stamp_ns)
     both = Belief(
@@ -273,7 +274,7 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     fresh = pose[chosen]
     if params.variant == "paper" and params.new_share > 0.0:
         new = round(params.new_share * n)
-        fresh[:new] = start.anyhow(new, heard, Initial(), assets, folded=False, rng=rng)
+        fresh[:new] = start.anyhow(new, heard, assets, folded=False, rng=rng)
     return state._replace(belief=Belief(fresh, np.full(n, -np.log(n)), belief.odds[chosen])), info
 
 
@@ -304,7 +305,9 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         "compass_bias_deg": round(math.degrees(state.bias.mean_rad), 2),
         "particles": int(state.belief.pose.shape[0]),
     }
-    return Result(track._replace(columns=columns), field_yaml.drawn(assets.field), state.frames.frames(), summary)
+    return Result(
+        track._replace(columns=columns), field_yaml.drawn(assets.field, assets.table), state.frames.frames(), summary
+    )
 
 
 SYSTEM = System(
@@ -317,4 +320,5 @@ SYSTEM = System(
     step=step,
     finish=finish,
     wants=("lines", "landmarks", "compass"),
+    readings="frames",
 )

@@ -10,7 +10,6 @@ from pfcli.core.jit import kernel
 from pfcli.core.particles import gaussian
 from pfcli.core.sensor import field_lines, landmarks
 from pfcli.core.weights import normalize
-from pfcli.initial import Initial
 from pfcli.systems.fuse_soccer.assets import BLIND_M, Assets, View
 from pfcli.systems.fuse_soccer.params import Params
 from pfcli.systems.fuse_soccer.weigh import ONE_SIDE, Belief, Heard, weigh
@@ -18,6 +17,8 @@ from pfcli.systems.fuse_soccer.weigh import ONE_SIDE, Belief, Heard, weigh
 _BEST, _APART_M, _APART_RAD = 24, 0.4, 0.5
 _FLOOR = np.diag([0.02**2, 0.02**2, 0.01**2])
 _OFF_FIELD_M = 1.0
+_ASTRAY = 4
+"""One in so many trial poses does not believe the compass."""
 
 
 class Peaks(NamedTuple):
@@ -35,23 +36,25 @@ def scatter(view: View, heard: Heard | None, assets: Assets, params: Params, rng
         pose = gaussian(np.array(initial.pose), np.array(initial.sd), params.particles, rng)
         return Belief(pose, np.full(params.particles, -np.log(params.particles)), np.full(params.particles, ONE_SIDE))
     if params.variant == "paper":
-        pose = anyhow(params.particles, heard, initial, assets, folded=False, rng=rng)
+        pose = anyhow(params.particles, heard, assets, folded=False, rng=rng)
         return Belief(pose, np.full(params.particles, -np.log(params.particles)), np.full(params.particles, ONE_SIDE))
-    return anywhere(view, heard, initial, assets, params, params.particles, rng)
+    return anywhere(view, heard, assets, params, params.particles, rng)
 
 
 def anyhow(
-    n: int, heard: Heard | None, initial: Initial, assets: Assets, *, folded: bool, rng: np.random.Generator
+    n: int, heard: Heard | None, assets: Assets, *, folded: bool, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """(n, 3) poses anywhere on the field, looking where the compass or the prior says. folded: one of two sides will do."""
+    """(n, 3) poses anywhere on the field, looking where the compass says. folded: one of two sides will do."""
     out = np.empty((n, 3))
     low, high = assets.field.lines.low - _OFF_FIELD_M, assets.field.lines.high + _OFF_FIELD_M
     out[:, :2] = rng.uniform(low, high, (n, 2))
-    known = initial.heading or ((heard.yaw_rad, heard.sigma_rad) if heard is not None else None)
-    if known is None:
+    if heard is None:
         out[:, 2] = rng.uniform(-np.pi / 2 if folded else -np.pi, np.pi / 2 if folded else np.pi, n)
     else:
-        out[:, 2] = wrap(known[0] + known[1] * rng.standard_normal(n))
+        out[:, 2] = wrap(heard.yaw_rad + heard.sigma_rad * rng.standard_normal(n))
+        # iron may bend the compass by any angle
+        astray = np.arange(n) % _ASTRAY == 0
+        out[astray, 2] = rng.uniform(-np.pi, np.pi, int(astray.sum()))
     return out
 
 
@@ -118,11 +121,9 @@ def precisions(cov):  # type: ignore[no-untyped-def]
     return inverse, peak
 
 
-def peaks(
-    view: View, heard: Heard | None, initial: Initial, assets: Assets, params: Params, rng: np.random.Generator
-) -> Peaks:
+def peaks(view: View, heard: Heard | None, assets: Assets, params: Params, rng: np.random.Generator) -> Peaks:
     """Where on the field the sighting fits: the best trial poses, refined, as Gaussians with the error's own shape."""
-    trial = anyhow(params.start_particles, heard, initial, assets, folded=assets.field.symmetric, rng=rng)
+    trial = anyhow(params.start_particles, heard, assets, folded=assets.field.symmetric, rng=rng)
     if view.detections is not None:
         trial = np.concatenate([trial, landmarks.pair_poses(view.detections, params.start_particles)])
     rough = view.worth * field_lines.evidence(trial, view.points, assets.table, assets.rough)
@@ -162,7 +163,6 @@ def _odds(n: int, assets: Assets) -> NDArray[np.float64]:
 def anywhere(
     view: View,
     heard: Heard | None,
-    initial: Initial,
     assets: Assets,
     params: Params,
     n: int,
@@ -171,9 +171,9 @@ def anywhere(
     """n particles of a robot that may be anywhere, drawn where the sighting fits; their weights undo the choice: prior
     over proposal. Not weighed by the sighting yet."""
     if view.points.shape[1] == 0 and view.detections is None:
-        pose = anyhow(n, heard, initial, assets, folded=assets.field.symmetric, rng=rng)
+        pose = anyhow(n, heard, assets, folded=assets.field.symmetric, rng=rng)
         return Belief(pose, np.full(n, -np.log(n)), _odds(n, assets))
-    found = peaks(view, heard, initial, assets, params, rng)
+    found = peaks(view, heard, assets, params, rng)
     chosen = np.sort(rng.choice(found.weight.size, size=n, p=found.weight))
     pose = draw_peaks(found.mean, found.cov, chosen, rng.standard_normal((n, 3)))
     precision, log_peak = precisions(found.cov)
