@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from pfcli import align, run
-from pfcli.commands.calibrate_omni import _rolled
+from pfcli.commands.calibrate_omni import rolled_of_log
 from pfcli.core.geometry import between, compose
 from pfcli.events import Heading, LinePoints, Sighting, Ticks, Truth
 from pfcli.formats import lineframes, rosbag, ticklogs
@@ -107,8 +107,8 @@ def wheels() -> None:
         rosbag.convert(DATA / "polimi-mecanum/bag1.bag", bag, "zstd")
         topics = {"truth": "/robot/pose"}
         halves = [
-            _rolled(Log(bag, Settings(topics=topics, end_s=29.4)), POLIMI),
-            _rolled(Log(bag, Settings(topics=topics, start_s=29.4)), POLIMI),
+            rolled_of_log(Log(bag, Settings(topics=topics, end_s=29.4)), POLIMI),
+            rolled_of_log(Log(bag, Settings(topics=topics, start_s=29.4)), POLIMI),
         ]
         tested = []
         for k in (0, 1):
@@ -117,7 +117,8 @@ def wheels() -> None:
         print(f"PoliMi, mean of both ways: {np.mean(tested):.3f} m")
         for kind, drive in (("omni3", OMNI3), ("omni4", OMNI4)):
             runs = [
-                _rolled(_mcap(path, folder), drive) for path in sorted((DATA / "optiodom" / kind).glob("*_run-*.csv"))
+                rolled_of_log(_mcap(path, folder), drive)
+                for path in sorted((DATA / "optiodom" / kind).glob("*_run-*.csv"))
             ]
             fit = calibration.fit_wheels(runs[:1], drive)
             _tell(f"{kind}, run 1", fit, drive, runs[1:])

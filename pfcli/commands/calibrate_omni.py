@@ -50,9 +50,9 @@ def calibrate_omni(
     from pfcli.systems.fuse_soccer.calibration import Fit
 
     opened = [Log(path, settings) for path in logs]
-    runs = [_rolled(log, drive) for log in opened]
+    runs = [rolled_of_log(log, drive) for log in opened]
     fit, before = calibration.fit_wheels(runs, drive), Fit(drive, (0.0, 0.0, 0.0))
-    judged = [(str(path), _rolled(Log(path, settings), drive)) for path in tests]
+    judged = [(str(path), rolled_of_log(Log(path, settings), drive)) for path in tests]
     judged = judged or [(str(path), run) for path, run in zip(logs, runs, strict=True)]
     errors = {
         name: {
@@ -89,7 +89,7 @@ def calibrate_omni(
     emit(values, [f"{out}: drive.toml" + (", params.toml" if spread is not None else ""), *lines], as_json)
 
 
-def _rolled(log: "Log", drive: "Drive") -> "Rolled":
+def rolled_of_log(log: "Log", drive: "Drive") -> "Rolled":
     """Wheel angles and truth of a log. Raises UsageError or LogError naming what is missing."""
     import numpy as np
 

@@ -180,7 +180,6 @@ def test_a_field_that_is_not_symmetric_has_one_side(tmp_path: Path) -> None:
     belief = start.anywhere(
         view_of(sighting_at(np.zeros(3), 0), assets, params),
         None,
-        Initial(),
         assets,
         params,
         50,
