@@ -165,9 +165,8 @@ def _converged(trial: int, carried: bool, params: Params, assets: Any) -> int:
             continue
         pose = state.belief.pose
         weights, _ = normalize(state.belief.log_w)
-        mean = state.track._poses[-1]
-        near = _near(pose, truth)
-        good = good + 1 if _near(mean[None], truth)[0] and weights[near].sum() > MASS else 0
+        mass = weights[_near(pose, truth)].sum() * (1.0 - state.mirror_p[-1])
+        good = good + 1 if _near(state.pose[None], truth)[0] and mass > MASS else 0
         if good == 3:
             return after - 1
     return 0

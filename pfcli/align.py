@@ -101,7 +101,12 @@ class Drive(NamedTuple):
             bearings = list(wheels.four_places(bearings[0]))
         if len(bearings) < 3:
             raise UsageError("--wheel-angle-deg: an omni base has three wheels or more; give the bearing of each")
-        return wheels.omni(bearings, [self.arm_m] * len(bearings))
+        found = wheels.omni(bearings, [self.arm_m] * len(bearings))
+        if np.linalg.matrix_rank(found) < 3:
+            raise UsageError(
+                "--wheel-angle-deg: wheels at these bearings cannot tell every motion; three different are needed"
+            )
+        return found
 
 
 class DeadReckoning:
@@ -109,7 +114,7 @@ class DeadReckoning:
     a jump of theirs that no robot can drive is counted in `loss` and left out.
 
     rolled: (2, k), how far each wheel has rolled, with its sign and without (m); jacobian: of the base, None before the
-    first encoder message.
+    first encoder message; back: its pseudo-inverse.
     """
 
     def __init__(self, source: str, drive: Drive, loss: Loss | None = None) -> None:
@@ -122,7 +127,7 @@ class DeadReckoning:
         self._names: tuple[str, ...] = ()
         self._order = np.empty(0, np.int64)
         self._radius = np.empty(0)
-        self._back = np.empty((3, 0))
+        self.back = np.empty((3, 0))
         self._wheels: NDArray[Any] | None = None
         self.jacobian: wheels.Jacobian | None = None
         self.rolled = np.zeros((2, 0))
@@ -169,6 +174,12 @@ class DeadReckoning:
         if not event.names:
             return None
         if event.names != self._names:
+            if self._names and not set(self._names) <= set(event.names):
+                self._loss.add(
+                    "message without the wheels",
+                    f"a message of {', '.join(event.names)} names no wheels; it is left out",
+                )
+                return None
             self._rig(event.names)
         turn = (
             2
@@ -190,7 +201,11 @@ class DeadReckoning:
             if before is None:
                 return self._stand(event.stamp_ns)
             return self._wheel_step(event.stamp_ns, (position - before) * turn)
-        speed = self._back @ (event.velocity_radps[self._order] * self._radius)
+        rolling = event.velocity_radps[self._order] * self._radius
+        if self._last_ns is not None and np.isfinite(rolling).all():
+            travel = rolling * (event.stamp_ns - self._last_ns) / SECOND
+            self.rolled = self.rolled + np.stack([travel, np.abs(travel)])
+        speed = self.back @ rolling
         return self._integrate(event.stamp_ns, (float(speed[0]), float(speed[1]), float(speed[2])))
 
     def _stand(self, stamp_ns: int) -> Odometry:
@@ -211,7 +226,7 @@ class DeadReckoning:
             )
             return Odometry(stamp_ns, *self._pose)
         self.rolled = self.rolled + np.stack([travel, np.abs(travel)])
-        dx, dy, dyaw = (self._back @ travel).tolist()
+        dx, dy, dyaw = (self.back @ travel).tolist()
         return self._advance(stamp_ns, dx, dy, dyaw)
 
     def _rig(self, names: tuple[str, ...]) -> None:
@@ -223,8 +238,9 @@ class DeadReckoning:
         if wanted is None:
             wanted = tuple(n for side in drive.sides for n in names if all(word in n.lower() for word in side))
             if len(wanted) != count or len(set(wanted)) != count:
-                order = ",".join(" ".join(side).upper().replace(" ", "_") for side in drive.sides) or "1,2,3,..."
-                raise UsageError(f"which wheel is which? The log has {', '.join(names)}; say --wheel-joints {order}")
+                order = ",".join(" ".join(side).upper().replace(" ", "_") for side in drive.sides)
+                how = order or "with their names, in the order of --wheel-angle-deg"
+                raise UsageError(f"which wheel is which? The log has {', '.join(names)}; say --wheel-joints {how}")
         if len(wanted) != count:
             raise UsageError(f"--wheel-joints names {len(wanted)} wheels, the {drive.base} base has {count}")
         missing = [w for w in wanted if w not in names]
@@ -236,9 +252,10 @@ class DeadReckoning:
             )
         self._names, self._order = names, np.array([names.index(w) for w in wanted])
         self._radius = np.array(drive.radius_m if len(drive.radius_m) == count else drive.radius_m * count)
-        self._back = wheels.inverse(jacobian)
+        self.back = wheels.inverse(jacobian)
         self.jacobian = jacobian
-        self.rolled = np.zeros((2, count))
+        if self.rolled.shape[1] != count:
+            self.rolled = np.zeros((2, count))
 
 
 def _unwrapped(difference: int) -> int:
@@ -398,7 +415,7 @@ def _joined(
 ) -> Sweep | Sounding | Sighting:
     odometry = at.odometry[1:4]
     if isinstance(reading, Sighting):
-        rolling = None if reckon.jacobian is None else Rolling(at.rolled, reckon.jacobian)
+        rolling = None if reckon.jacobian is None else Rolling(at.rolled, reckon.jacobian, reckon.back)
         return reading._replace(odometry=odometry, rolling=rolling, source_stamp=name)
     if isinstance(reading, Ranges):
         return Sounding(reading.stamp_ns, odometry, reading, name)

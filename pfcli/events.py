@@ -147,10 +147,11 @@ class Landmarks(NamedTuple):
 
 class Rolling(NamedTuple):
     """How far each wheel has rolled since the first message: rolled (2, k), with its sign and without (m); jacobian (k, 3)
-    of the base: travel of each wheel per step of the robot."""
+    of the base: travel of each wheel per step of the robot; back (3, k): its pseudo-inverse."""
 
     rolled_m: NDArray[np.float64]
     jacobian: NDArray[np.float64]
+    back: NDArray[np.float64]
 
 
 class Sighting(NamedTuple):

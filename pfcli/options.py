@@ -152,7 +152,8 @@ def _drive_file(path: Path) -> dict[str, Any]:
         listed = name in ("wheel_joints", "wheel_radius_m", "wheel_angle_deg")
         items = value if isinstance(value, list) else [value]
         kind = str if name in ("base", "wheel_joints") else (int, float)
-        good = all(isinstance(v, kind) and not isinstance(v, bool) for v in items) and (listed or len(items) == 1)
+        good = all(isinstance(v, kind) and not isinstance(v, bool) for v in items) and listed == isinstance(value, list)
+        good = good and all(math.isfinite(v) for v in items if isinstance(v, int | float))
         if name not in _DRIVE_FILE or not good or (name == "base" and value not in BASES):
             raise UsageError(
                 f"--drive {path}: field {name!r} is unknown or has no legal value; known: {', '.join(_DRIVE_FILE)}"

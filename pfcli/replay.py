@@ -4,6 +4,7 @@ The order is total: (stamp, rank of the topic's role, sequence), made by a reord
 where a role of the run asks for their topic. What is lost on the way is counted, never silent.
 """
 
+import math
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import compose
 from pfcli.core.jit import kernel
 from pfcli.errors import UsageError, printable
-from pfcli.events import Event, Landmarks, LinePoints, Odometry, Pose2, Range, Scan, Truth
+from pfcli.events import Event, Heading, Landmarks, LinePoints, Odometry, Pose2, Range, Scan, Truth
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
 from pfcli.formats.mcap_records import Batch, Channel, McapFile
 from pfcli.formats.messages import (
@@ -35,7 +36,8 @@ from pfcli.formats.messages import (
 SOURCE_STAMP_TOPIC = "/source_stamp"
 _TF = "tf2_msgs/msg/TFMessage"
 _TRUTH_NAMES = ("truth", "ground_truth", "groundtruth", "mocap", "reference")
-_MOUNTED = (Scan, Range, LinePoints, Landmarks)
+_MOUNTED = (Scan, Range, LinePoints, Landmarks, Heading)
+_VISION = ("lines", "landmarks")
 _FAR_NS = 10 * 365 * 86400 * SECOND
 
 
@@ -117,9 +119,17 @@ class Log:
                 found[role] = mapped.split(",") if role in MANY else [mapped]
                 continue
             for topic, schema in self.topics().items():
-                if schema in types and _fits(role, topic, schema) and topic not in self.settings.topics.values():
+                if schema in types and _fits(role, topic, schema) and self._is_free(role, topic, schema):
                     found.setdefault(role, []).append(topic)
         return found
+
+    def _is_free(self, role: str, topic: str, schema: str) -> bool:
+        """Whether nobody gave this topic another role; one topic of vision may hold lines and landmarks. Pixels without a
+        scale are no landmarks that anybody asked for."""
+        if schema == "vision_msgs/msg/Detection2DArray" and self.settings.image is None:
+            return False
+        taken = {t for r, t in self.settings.topics.items() if not (role in _VISION and r in _VISION)}
+        return topic not in taken
 
     def choose(self, role: str) -> str | None:
         """The topic of a role, or None where the log has none. Raises UsageError where there are several."""
@@ -349,7 +359,15 @@ class _Merge:
             if mount is None:
                 mount = self._extrinsics.mount(frame, self._log.path, source.channel.topic)
                 self._mounts[frame] = mount
-            if isinstance(event, LinePoints | Landmarks):
+            if isinstance(event, LinePoints | Landmarks | Heading):
+                if not mount.upright:
+                    where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+                    raise UsageError(
+                        f"{where}: frame {printable(frame)!r} is not upright; give points on the ground in a frame whose z"
+                        " points up, or say --extrinsic base_link:FRAME=x,y,yaw"
+                    )
+                if isinstance(event, Heading):
+                    return event._replace(yaw_rad=math.remainder(event.yaw_rad - mount.pose.yaw_rad, 2 * math.pi))
                 return self._placed(event, mount.pose, source)
             if isinstance(event, Range):
                 return event._replace(topic=source.channel.topic, mount=mount.pose)

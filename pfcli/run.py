@@ -79,7 +79,7 @@ def execute(job: Job) -> Run:
             infos.append(info)
     looped = time.perf_counter()
     if not infos:
-        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss)}")
+        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss, job.system.readings)}")
     result = job.system.finish(state, assets, job.params)
     errors = _errors(job, result, truth)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
@@ -179,14 +179,14 @@ def _with_data(sweeps: Iterator[Sweep | Sounding | Sighting], loss: Loss) -> Ite
         yield sweep
 
 
-def _nothing_ran(scans: int, loss: Loss) -> str:
+def _nothing_ran(count: int, loss: Loss, readings: str) -> str:
     if loss.notes:
-        return f"no scan could be used: {loss.notes[0]}"
-    return (
-        "no scan lies between --start and --end"
-        if scans == 0
-        else "none of its scans has a usable beam (see --max-range-m)"
-    )
+        return f"none of its {readings} could be used: {loss.notes[0]}"
+    if count == 0:
+        return f"none of its {readings} lies between --start and --end"
+    if readings == "frames":
+        return "none of its frames says where to start: no points within --max-range-m, no landmark of --field; see --initial"
+    return f"none of its {readings} has a usable beam (see --max-range-m)"
 
 
 def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
@@ -214,7 +214,9 @@ def provenance(job: Job) -> dict[str, Any]:
         "inputs": [{"name": path.name, "sha256": digest(path)} for path in job.paths],
         "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {})},
         "motion": job.motion,
+        **({"drive": list(job.drive)} if job.drive != align.Drive() else {}),
         **_place(job),
+        **_files(job.params),
     }
 
 
@@ -226,6 +228,12 @@ def _place(job: Job) -> dict[str, Any]:
     if job.map is None:
         return {"initial": start}
     return {"map": {"name": job.map.name, "sha256": digest(job.map)}, "initial": start}
+
+
+def _files(params: Any) -> dict[str, Any]:
+    """Digests of the files that parameters name."""
+    named = {k: v for k, v in vars_of(params).items() if isinstance(v, str) and v and Path(v).is_file()}
+    return {"files": {k: {"name": Path(v).name, "sha256": digest(Path(v))} for k, v in named.items()}} if named else {}
 
 
 def vars_of(params: Any) -> dict[str, Any]:

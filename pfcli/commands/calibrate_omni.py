@@ -1,5 +1,6 @@
 """`pfcli calibrate-omni LOG...`."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from pfcli.options import drive_of, drive_toml, reading_options, settings_of
 if TYPE_CHECKING:
     from pfcli.align import Drive
     from pfcli.replay import Log
-    from pfcli.systems.fuse_soccer.calibration import Rolled, Spread
+    from pfcli.systems.fuse_soccer.calibration import Fit, Rolled, Spread
 
 _LEAST_ROWS = 50
 
@@ -28,7 +29,7 @@ _LEAST_ROWS = 50
 @reading_options
 def calibrate_omni(
     logs: tuple[Path, ...], out: Path, tests: tuple[Path, ...], field: str, force: bool, as_json: bool, **given: Any
-) -> None:
+) -> int:
     """Measure a robot's wheels and its vision from LOGS with truth.
 
     Give the wheels' measures as they are believed to be: radii, arm, angles (omni), track and axle distance (mecanum), and
@@ -43,15 +44,14 @@ def calibrate_omni(
     drive.jacobian()
     check(out, force=force)
 
-    from pfcli.commands.show import emit
+    from pfcli.commands.show import emit, lost
     from pfcli.formats import parquet
     from pfcli.replay import Log
     from pfcli.systems.fuse_soccer import calibration
-    from pfcli.systems.fuse_soccer.calibration import Fit
 
     opened = [Log(path, settings) for path in logs]
     runs = [rolled_of_log(log, drive) for log in opened]
-    fit, before = calibration.fit_wheels(runs, drive), Fit(drive, (0.0, 0.0, 0.0))
+    fit, before = calibration.fit_wheels(runs, drive), calibration.Fit(drive, (0.0, 0.0, 0.0))
     judged = [(str(path), rolled_of_log(Log(path, settings), drive)) for path in tests]
     judged = judged or [(str(path), run) for path, run in zip(logs, runs, strict=True)]
     errors = {
@@ -64,7 +64,7 @@ def calibrate_omni(
         }
         for name, run in judged
     }
-    spread = _spread(opened[0], runs[0], field) if opened[0].choose("lines") else None
+    spread = _spread(opened, runs, fit, field)
     with output_dir(out, force=force) as folder:
         (folder / "drive.toml").write_text(drive_toml(fit.drive))
         if spread is not None:
@@ -86,7 +86,11 @@ def calibrate_omni(
         f" {e['after_mean_m']:.3f} m after (maximum {e['after_max_m']:.3f} m)"
         for name, e in errors.items()
     ]
-    emit(values, [f"{out}: drive.toml" + (", params.toml" if spread is not None else ""), *lines], as_json)
+    points = ", params.toml" if spread is not None else "; no range has 50 points of lines, so no params.toml"
+    emit(values, [f"{out}: drive.toml{points}", *lines], as_json)
+    losses = [log.loss for log in opened]
+    counts = {why: sum(loss.counts[why] for loss in losses) for loss in losses for why in loss.counts}
+    return lost(counts, [note for loss in losses for note in loss.notes])
 
 
 def rolled_of_log(log: "Log", drive: "Drive") -> "Rolled":
@@ -104,7 +108,10 @@ def rolled_of_log(log: "Log", drive: "Drive") -> "Rolled":
     rows, truth = [], []
     for event in log.events(["encoders", "truth"]):
         if isinstance(event, Truth):
-            truth.append(tuple(event))
+            if all(map(math.isfinite, event[1:4])):
+                truth.append(tuple(event))
+            else:
+                log.loss.add("truth that is not a number", f"{log.path}: true poses that are not numbers are left out")
         elif reckon(event) is not None and reckon.rolled.size:
             rows.append((event.stamp_ns, reckon.rolled[0]))
     if len(rows) < _LEAST_ROWS or len(truth) < _LEAST_ROWS:
@@ -120,33 +127,21 @@ def rolled_of_log(log: "Log", drive: "Drive") -> "Rolled":
     return found
 
 
-def _spread(log: "Log", run: "Rolled", field: str) -> "Spread":
-    """How far the points of lines are from the lines, at the true poses."""
+def _spread(logs: "list[Log]", runs: "list[Rolled]", fit: "Fit", field: str) -> "Spread | None":
+    """How far the points of lines are from the lines, at the true poses; None where no range has points enough."""
     import numpy as np
 
-    from pfcli.core.geometry import compose
-    from pfcli.core.sensor.field_lines import nearest_line
-    from pfcli.events import LinePoints, Truth
+    from pfcli.events import LinePoints
     from pfcli.formats import field_yaml
-    from pfcli.systems.fuse_soccer.calibration import spread_by_range
+    from pfcli.systems.fuse_soccer.calibration import off_lines, spread_by_range
 
-    lines = field_yaml.read(field).lines
-    truth, seen = [], []
-    for event in log.events(["lines", "truth"]):
-        if isinstance(event, Truth):
-            truth.append(tuple(event))
-        elif isinstance(event, LinePoints):
-            seen.append(event)
-    stamps = np.array([t[0] for t in truth], np.int64)
-    poses = np.array([t[1:4] for t in truth], float)
-    ranges, distances = [], []
-    for event in seen:
-        k = int(np.searchsorted(stamps, event.stamp_ns))
-        if k == len(truth) or stamps[k] - event.stamp_ns > 20_000_000:
-            continue
-        places = compose(poses[k : k + 1], np.column_stack([event.points_m, np.zeros(len(event.points_m))]))
-        ranges.append(np.hypot(*event.points_m.T))
-        distances.append([nearest_line(lines.segments, lines.arcs, x, y)[0] for x, y, _ in places])
-    if not ranges:
-        raise LogError(f"{log.path}: no line points have a true pose within 20 ms")
-    return spread_by_range(np.concatenate(ranges), np.concatenate(distances))
+    found = []
+    for log, run in zip(logs, runs, strict=True):
+        if log.choose("lines") is not None:
+            events = (e for e in log.events(["lines"]) if isinstance(e, LinePoints))
+            seen = [((e.stamp_ns - run.begin_ns) * 1e-9, e.points_m) for e in events]
+            found.append(off_lines(run, fit.mount, seen, field_yaml.read(field).lines))
+    if not found:
+        return None
+    spread = spread_by_range(*(np.concatenate(part) for part in zip(*found, strict=True)))
+    return spread if spread.points.size else None

@@ -117,22 +117,24 @@ def members(poses, centre, reach_m, reach_rad):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _tops(poses, heaviest, order, reach_m, reach_rad):  # type: ignore[no-untyped-def]
+def distinct(poses, order, most, apart_m, apart_rad):  # type: ignore[no-untyped-def]
+    """The first `most` of the poses order (k,) of (n, 3), each farther than both from all before it."""
+    kept = np.empty(min(most, order.size), np.int64)
     count = 0
-    kept = np.empty(order.size, np.int64)
-    for slot in order:
-        i = heaviest[slot]
+    for i in order:
+        if count == kept.size:
+            break
         apart = True
         for j in range(count):
             k = kept[j]
-            near = np.hypot(poses[i, 0] - poses[k, 0], poses[i, 1] - poses[k, 1]) <= reach_m
-            if near and abs(wrap(poses[i, 2] - poses[k, 2])) <= reach_rad:
+            near = np.hypot(poses[i, 0] - poses[k, 0], poses[i, 1] - poses[k, 1]) <= apart_m
+            if near and abs(wrap(poses[i, 2] - poses[k, 2])) <= apart_rad:
                 apart = False
                 break
         if apart:
             kept[count] = i
             count += 1
-    return count
+    return kept[:count]
 
 
 def modes(
@@ -146,4 +148,4 @@ def modes(
     slots, heaviest = np.zeros(size), np.full(size, -1)
     _fill(poses, weights, reach_m, reach_rad, slots, heaviest)
     order = np.argsort(-slots, kind="stable")[: int(np.count_nonzero(slots >= least))]
-    return int(_tops(poses, heaviest, order, 2 * reach_m, 2 * reach_rad))
+    return int(distinct(poses, heaviest[order], order.size, 2 * reach_m, 2 * reach_rad).size)

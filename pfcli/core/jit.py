@@ -51,9 +51,13 @@ def kernel(function: _Function) -> Any:
 
 
 def reduction_kernel(function: _Function) -> Any:
-    """Compile sums that LLVM may reorder into vector lanes: the order is fixed when compiling, not by the threads."""
+    """Compile sums that LLVM may reorder into vector lanes: the order is fixed when compiling, not by the threads.
+
+    Always inlined: a second copy of the same function, compiled for itself, may add up in another order, and which of the
+    two is called depends on what else the process has compiled.
+    """
     fast = {"reassoc", "contract", "nsz", "arcp"}
-    return numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=fast)(function)
+    return numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=fast, forceinline=True)(function)
 
 
 def inline_kernel(function: _Function) -> Any:

@@ -14,10 +14,11 @@ BASE_FRAMES = ("base_link", "base_footprint", "base", "")
 
 
 class Mount(NamedTuple):
-    """A sensor seen from the base frame; `flipped` when it is mounted upside down."""
+    """A sensor seen from the base frame; `flipped` when it is mounted upside down, `upright` when its z axis points up."""
 
     pose: Pose2
     flipped: bool = False
+    upright: bool = True
 
 
 class Extrinsics:
@@ -57,7 +58,8 @@ class Extrinsics:
                 f" in /tf_static; give --extrinsic base_link:{printable(frame)}=x,y,yaw"
             )
         yaw = math.atan2(transform[1, 0], transform[0, 0])
-        return Mount(Pose2(float(transform[0, 3]), float(transform[1, 3]), yaw), bool(transform[2, 2] < 0))
+        pose = Pose2(float(transform[0, 3]), float(transform[1, 3]), yaw)
+        return Mount(pose, bool(transform[2, 2] < 0), bool(transform[2, 2] > 0.99))
 
 
 def _planar(x: float, y: float, yaw: float) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from pfcli.formats.map_yaml import GridMap
 
 SHIPPED = Path(__file__).resolve().parents[1] / "fields"
 _NUMBERS = ("length", "width", "line_width", "centre_circle", "corner_arc", "penalty_spot", "goal_width")
+_LONGEST_M = 200.0
 _PAIRS = ("penalty_area", "goal_area")
 _KNOWN = (*_NUMBERS, *_PAIRS, "halfway", "segments", "arcs", "landmarks")
 
@@ -39,11 +40,17 @@ class Landmark(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Lines, landmarks, and whether half a turn maps the lines onto themselves."""
+    """Lines and their width (m), landmarks, and whether half a turn maps the lines onto themselves."""
 
     lines: Lines
     landmarks: tuple[Landmark, ...]
     symmetric: bool
+    line_width_m: float
+
+
+def spoken(name: str) -> str:
+    """A landmark's name as it is compared: logs write `post_own_left` or `post own left`."""
+    return name.replace("_", " ").strip().lower()
 
 
 def names() -> list[str]:
@@ -85,6 +92,8 @@ def _numbers(path: Path, values: dict[str, Any]) -> dict[str, Any]:
     for key in ("length", "width"):
         if key not in values:
             raise LogError(f"{path}: field {key!r} is missing: the field's {key} in metres")
+        if values[key] > _LONGEST_M:
+            raise LogError(f"{path}: field {key!r} is {values[key]:g} m; at most {_LONGEST_M:g} m can be looked up")
     return values
 
 
@@ -106,7 +115,12 @@ def _checked(path: Path, values: dict[str, Any]) -> Field:
     )
     _judge(path, lines)
     own = _own_landmarks(path, values.get("landmarks", []))
-    return Field(lines, (*_landmarks(values, x - half, y - half, half), *own), _is_symmetric(lines))
+    marks = (*_landmarks(values, x - half, y - half, half), *own)
+    names = [spoken(mark.name) for mark in marks]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise LogError(f"{path}: field 'landmarks': the name {twice!r} is given twice")
+    return Field(lines, marks, _is_symmetric(lines), 2 * half)
 
 
 def _segments(values: dict[str, Any], x: float, y: float, half: float) -> Iterator[list[float]]:
@@ -230,5 +244,5 @@ def drawn(field: Field, table: Table | None = None, resolution_m: float = 0.05) 
     y = low[1] + (np.arange(rows) + 0.5) * resolution_m
     col = ((x - table.low[0]) / CELL_M).astype(int)
     row = ((y - table.low[1]) / CELL_M).astype(int)
-    near = table.steps.reshape(table.rows, table.cols)[np.ix_(row, col)] * STEP_M <= 0.0625
+    near = table.steps.reshape(table.rows, table.cols)[np.ix_(row, col)] * STEP_M <= field.line_width_m / 2
     return GridMap(near.astype(np.int8), resolution_m, Pose2(float(low[0]), float(low[1]), 0.0))

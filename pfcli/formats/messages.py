@@ -247,7 +247,7 @@ def _imu_heading(m: Any, t: int) -> tuple[Heading, str]:
         raise ValueError("field 'orientation' is marked absent (orientation_covariance[0] is -1)")
     q = m.orientation
     variance = m.orientation_covariance[8]
-    return _heading(yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan, t), ""
+    return _heading(yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan, t), m.header.frame_id
 
 
 def _field(m: Any, t: int) -> tuple[Heading, str]:
@@ -299,7 +299,8 @@ def _detections(m: Any, t: int) -> tuple[Landmarks, str]:
 
 
 def _ids(detections: Any) -> list[str]:
-    return [d.id or (d.results[0].hypothesis.class_id if len(d.results) else "") for d in detections]
+    """What was detected; `id` is that of a tracker where there is a class."""
+    return [(d.results[0].hypothesis.class_id if len(d.results) else "") or d.id for d in detections]
 
 
 def _crossings(m: Any, t: int) -> tuple[Landmarks, str]:
@@ -360,6 +361,8 @@ def _j_ticks(m: Any, t: int) -> tuple[Ticks, str]:
     names, ticks = tuple(m["names"]), np.array(m["ticks"], np.int64)
     if len(names) != ticks.size:
         raise ValueError("fields 'names' and 'ticks' differ in length")
+    if not float(m["ticks_per_turn"]) > 0.0:
+        raise ValueError("field 'ticks_per_turn' is not positive")
     return Ticks(t, names, ticks, float(m["ticks_per_turn"]), bool(m.get("cumulative", True))), ""
 
 

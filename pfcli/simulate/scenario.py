@@ -125,15 +125,18 @@ def load(text: str) -> Scenario | Soccer:
         )
     try:
         fields = tomllib.loads(path.read_text())
-        kind = Soccer if "route" in fields else Scenario
+        kind = Soccer if set(fields) & (set(Soccer._fields) - set(Scenario._fields)) else Scenario
         known = {k: type(v) for k, v in kind("x")._asdict().items()}
         for key, value in fields.items():
             if key not in known or not isinstance(value, (int, float) if known[key] is float else known[key]):
                 raise UsageError(f"{path}: field {key!r} is unknown or of the wrong type; known: {', '.join(known)}")
+            if isinstance(value, int | float) and not (0 <= value < math.inf or key == "compass_bias_deg"):
+                raise UsageError(f"{path}: field {key!r} is {value}: a number that is not negative is needed")
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise LogError(f"{path}: cannot be read as a scenario ({reason(error)})") from None
     found = kind(**{"name": path.stem} | fields)
     if isinstance(found, Soccer):
+        soccer.check(found, path)
         choices: tuple[tuple[str, Collection[str]], ...] = ((found.route, soccer.ROUTES),)
     else:
         choices = ((found.world, WORLDS), (found.robot, ROBOTS), (found.laser, LASERS))

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from pfcli.core.geometry import between
 from pfcli.core.motion import wheels
 from pfcli.core.sensor.field_lines import Lines, samples
+from pfcli.errors import UsageError
 from pfcli.events import Heading, LinePoints
 from pfcli.formats import field_yaml, map_yaml
 from pfcli.formats.log_writer import LogWriter
@@ -98,6 +99,19 @@ SCENARIOS = {
         Soccer("soccer-sample", route="fig4", points=30, frame_hz=10.0, robots=3, bent=True, landmarks=True),
     )
 }
+
+
+def check(scenario: Soccer, where: object) -> None:
+    """Raise UsageError for a match that cannot be played."""
+    step_s = 1.0 / (max(scenario.frame_hz, 1e-9) * _ENCODERS_PER_FRAME)
+    for name in ("speed_mps", "frame_hz", "range_scale"):
+        if not 0.0 < getattr(scenario, name) <= 1000.0:
+            raise UsageError(f"{where}: field {name!r} must lie between 0 and 1000")
+    for name in ("slip_every_s", "collide_every_s", "kidnap_every_s"):
+        if 0.0 < getattr(scenario, name) < step_s:
+            raise UsageError(f"{where}: field {name!r} is shorter than a step of {step_s:.3f} s")
+    if scenario.false_share > 1.0:
+        raise UsageError(f"{where}: field 'false_share' must lie between 0 and 1")
 
 
 class Instant(NamedTuple):

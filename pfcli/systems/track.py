@@ -28,6 +28,11 @@ class TrackKeeper:
         self._sources.append(sweep.source_stamp)
         self._update.append(len(self._poses) - 1)
 
+    @property
+    def updates(self) -> int:
+        """Estimates so far."""
+        return len(self._poses)
+
     def update(self, pose: NDArray[np.float64], cov: NDArray[np.float64]) -> None:
         """The estimate (3,), NaN where there is none, and its covariance (3, 3) at the scan that was seen last."""
         self._update[-1] = len(self._poses)

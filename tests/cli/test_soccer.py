@@ -129,7 +129,11 @@ def test_frames_before_the_first_encoder_reading_are_counted(pfcli: Cli, tmp_pat
         ([], ["--wheel-radius-m", "--base"]),
         (["--base", "omni"], ["--wheel-arm-m", "--wheel-angle-deg"]),
         (WHEELS, ["--wheel-angle-deg"]),
-        ([*WHEELS, *["--wheel-angle-deg", "45"] * 4], ["which wheel is which", "--wheel-joints"]),
+        ([*WHEELS, *["--wheel-angle-deg", "45"] * 4], ["--wheel-angle-deg", "three different"]),
+        (
+            [*WHEELS, *(w for a in (45, 135, 225, 315) for w in ("--wheel-angle-deg", a))],
+            ["which wheel is which", "--wheel-joints"],
+        ),
         ([*WHEELS, "--wheel-angle-deg", "95"], ["--wheel-angle-deg"]),
         ([*WHEELS, "--wheel-angle-deg", "45", "--wheel-joints", "a,b,c,d"], ["no joint 'a'"]),
         ([*DRIVE, "--field", "nowhere"], ["msl-18x12"]),

@@ -36,6 +36,6 @@ def test_a_constant_bias_is_learnt_and_a_bent_reading_is_not() -> None:
         error = math.radians(12.0) + math.radians(5.0) * rng.standard_normal()
         bias = compass.learn(bias, error - bias.mean_rad, math.radians(5.0), 1 / 15, 1.0)
     assert math.degrees(bias.mean_rad) == pytest.approx(12.0, abs=2.0)
-    bent = compass.learn(bias, math.radians(90.0), math.radians(5.0), 1 / 15, 1.0)
-    assert bent.mean_rad == bias.mean_rad
-    assert bent.bent_s > 0.0
+    assert compass.learn(bias, math.radians(90.0), math.radians(5.0), 1 / 15, 1.0).mean_rad == bias.mean_rad
+    assert compass.is_bent(bias, math.radians(90.0), math.radians(5.0))
+    assert not compass.is_bent(bias, math.radians(5.0), math.radians(5.0))

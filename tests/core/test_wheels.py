@@ -19,7 +19,7 @@ def test_the_step_of_wheels_that_grip_is_found_again_and_nothing_is_left_over(st
     ):
         travel = jacobian @ np.array(step)
         assert np.allclose(wheels.inverse(jacobian) @ travel, step, atol=1e-9)
-        assert np.abs(wheels.slip(travel, jacobian)).max() < 1e-9
+        assert np.abs(wheels.slip(travel, jacobian, wheels.inverse(jacobian))).max() < 1e-9
 
 
 def test_a_wheel_rolls_where_its_place_moves() -> None:
@@ -43,7 +43,7 @@ def test_the_papers_factor_one_half_holds_at_45_degrees_only() -> None:
 def test_one_wheel_that_slips_shows_in_what_is_left_over() -> None:
     jacobian = wheels.omni(wheels.four_places(math.radians(45.0)), [0.2] * 4)
     travel = jacobian @ np.array([0.1, 0.0, 0.0]) + [0.0, 0.04, 0.0, 0.0]
-    assert np.allclose(np.abs(wheels.slip(travel, jacobian)), 0.01)
+    assert np.allclose(np.abs(wheels.slip(travel, jacobian, wheels.inverse(jacobian))), 0.01)
 
 
 def test_particles_spread_as_the_wheels_errors_do() -> None:

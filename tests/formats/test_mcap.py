@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -311,3 +312,53 @@ def test_flipped_bits_never_end_in_a_traceback(kind: str, tmp_path: Path) -> Non
         (tmp_path / "y.mcap").write_bytes(flipped)
         with contextlib.suppress(LogError, UsageError):
             list(Log(tmp_path / "y.mcap", Settings(topics={"odometry": "/odom"})).events(["odometry"]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "ids"),
+    [
+        ("vision_msgs/msg/Detection3DArray", ("post",)),
+        ("soccer_vision_3d_msgs/msg/GoalpostArray", ("post",)),
+        ("soccer_vision_3d_msgs/msg/MarkingArray", ("tee", "circle")),
+    ],
+)
+def test_landmarks_of_ros_messages_are_named_by_what_they_are(kind: str, ids: tuple[str, ...], tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    message = _message(kind)
+    message.header = header(T0, "base_link")
+    if kind.endswith("Detection3DArray"):
+        message.detections[0].id = "17"
+        message.detections[0].results[0].hypothesis.class_id = "post"
+    if kind.endswith("MarkingArray"):
+        message.intersections[0].num_rays = 3
+    with LogWriter(path) as log:
+        log.message("/seen", kind, T0, message)
+    (event,) = Log(path).events(["landmarks"])
+    assert event.ids == ids  # type: ignore[union-attr]
+    assert np.allclose(event.range_m, math.hypot(1.5, 1.5))  # type: ignore[union-attr]
+
+
+def test_vision_in_a_frame_that_is_not_upright_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with LogWriter(path) as log:
+        types = typestore().types
+        half = types["geometry_msgs/msg/Quaternion"](-0.5, 0.5, -0.5, 0.5)
+        at = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.5), half)
+        stamped = types["geometry_msgs/msg/TransformStamped"](header(T0, "base_link"), "optical", at)
+        log.message("/tf_static", "tf2_msgs/msg/TFMessage", T0, types["tf2_msgs/msg/TFMessage"]([stamped]))
+        log.json("/lines", "pfcli.LinePoints", T0, points_m=[[1.0, 2.0]], frame_id="optical")
+    with pytest.raises(UsageError, match=r"optical.*upright"):
+        list(Log(path).events(["lines"]))
+
+
+def test_a_compass_is_turned_by_its_mount(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with LogWriter(path) as log:
+        log.tf_static(T0, [("base_link", "mag", Pose2(0.0, 0.0, 0.5))])
+        types = typestore().types
+        vector = types["geometry_msgs/msg/Vector3"](0.0, 2e-5, 0.0)
+        kind = "sensor_msgs/msg/MagneticField"
+        log.message("/mag", kind, T0, types[kind](header(T0, "mag"), vector, np.zeros(9)))
+    (event,) = Log(path).events(["compass"])
+    # north is on the sensor's left: the sensor looks east, the robot 0.5 rad clockwise of that
+    assert event.yaw_rad == pytest.approx(-0.5)  # type: ignore[union-attr]

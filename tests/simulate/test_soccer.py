@@ -55,7 +55,8 @@ def test_robots_hide_lines_and_slips_and_collisions_are_unseen_by_the_right_sens
     assert sum(map(len, hidden)) < 0.95 * sum(map(len, free))
     jacobian = wheels.omni(wheels.four_places(math.pi / 4), [soccer.WHEEL_ARM_M] * 4)
     slipped = [n.travel_m for n in soccer.play(base._replace(slip_every_s=1.0), 0)]
-    assert max(np.abs(wheels.slip(d, jacobian)).max() for d in np.diff(slipped, axis=0)) > 0.05
+    back = wheels.inverse(jacobian)
+    assert max(np.abs(wheels.slip(d, jacobian, back)).max() for d in np.diff(slipped, axis=0)) > 0.05
     pushed = [n.truth for n in soccer.play(base._replace(collide_every_s=1.0), 0)]
     assert max(np.hypot(d[0], d[1]) for d in np.diff(pushed, axis=0)) > 0.2
 

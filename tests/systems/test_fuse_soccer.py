@@ -81,6 +81,8 @@ def test_without_a_compass_both_sides_are_reported_with_equal_probability(tmp_pa
     ]
     assert near[0] < 0.3
     assert np.allclose(other[:, :2], -track.poses[:, :2])
+    # sides that are equally likely do not alternate
+    assert np.hypot(*np.diff(track.poses[:, :2], axis=0).T).max() < 0.6
 
 
 def test_a_compass_decides_the_side_and_its_bias_is_learnt(tmp_path: Path) -> None:
@@ -226,3 +228,67 @@ def test_the_spread_of_points_is_found_by_range_among_false_ones() -> None:
     assert np.allclose(found.sigma_m[inner], 0.043 * middle[inner], rtol=0.15)
     assert np.allclose(found.hit[inner], 0.7, atol=0.08)
     assert sigma_table(calibration.sigma_text(found)).size > 0
+
+
+def played(params: Params, initial: Initial, sightings: list[Sighting]) -> list[Any]:
+    """Info rows of sightings a fifteenth of a second apart."""
+    assets, draw = assets_of(params)._replace(initial=initial), Draw(0)
+    state, rows = FUSE.init(params, assets, sightings[0], draw), []
+    for k, sighting in enumerate(sightings):
+        heading = sighting.compass and sighting.compass._replace(stamp_ns=1 + k * 66_666_667)
+        now = sighting._replace(stamp_ns=1 + k * 66_666_667, compass=heading)
+        state, info = FUSE.step(state, now, assets, params, draw)
+        rows.append((state.pose.copy(), info))
+    return rows
+
+
+def test_a_known_start_does_not_bind_a_robot_to_its_side() -> None:
+    """Carried to its mirror image, where the lines look the same: the compass tells, within six seconds."""
+    here = np.array([3.0, 1.0, 0.4])
+    there = weigh.turned(here[None])[0]
+    seen = [sighting_at(here, k) for k in range(10)] + [sighting_at(there, k) for k in range(90)]
+    rows = played(Params(), Initial("pose", tuple(here.tolist()), (0.1, 0.1, 0.05)), seen)
+    assert np.hypot(*(rows[9][0] - here)[:2]) < 0.2
+    assert np.hypot(*(rows[-1][0] - there)[:2]) < 0.2
+
+
+def test_a_slow_compass_counts_as_much_as_its_readings() -> None:
+    """One reading a second, frames fifteen times as often: half a second after the third the side is known."""
+    here = np.array([3.0, 1.0, 0.4])
+    seen = [sighting_at(here, k, compass=k % 15 == 5) for k in range(45)]
+    rows = played(Params(), UNKNOWN, seen)
+    assert rows[-1][1].mirror_p < 0.05
+    assert not any(info.compass_disturbed for _, info in rows)
+
+
+def test_one_false_point_makes_nobody_lost() -> None:
+    here, rng = np.array([3.0, 1.0, 0.4]), np.random.default_rng(0)
+    seen = [sighting_at(here, k) for k in range(30)]
+    seen += [s._replace(points_m=rng.uniform(-4, 4, (1, 2))) for s in seen]
+    rows = played(Params(), UNKNOWN, seen)
+    assert sum(info.injected for _, info in rows) == 0
+    assert np.hypot(*(rows[-1][0] - here)[:2]) < 0.5
+
+
+def test_a_heading_prior_turns_with_the_robot_until_there_is_something_to_see() -> None:
+    """Three empty frames while the robot turns half round; the prior was for the first."""
+    here = np.array([3.0, 1.0, 0.4 - math.pi])
+    empty = Sighting(1, (0.0, 0.0, 0.0), np.empty((0, 2)), ())
+    seen = [empty._replace(odometry=(0.0, 0.0, -math.pi * k / 3)) for k in range(3)]
+    seen += [sighting_at(here, 0, compass=False)._replace(odometry=(0.0, 0.0, -math.pi))]
+    rows = played(Params(), Initial(heading=(0.4, 0.1)), seen)
+    assert np.hypot(*(rows[-1][0] - here)[:2]) < 0.3
+    assert rows[-1][1].mirror_p < 0.05
+
+
+def test_landmarks_answer_to_their_kind_and_to_their_own_name_however_it_is_written() -> None:
+    params = Params()
+    assets = assets_of(params)
+    assert assets.places["circle"].shape == (1, 2)
+    assert assets.places["post"].shape == (4, 2)
+    seen = Landmarks(
+        1, ("post_own_left", "Post own Left", "ball"), np.full(3, 2.0), np.zeros(3), np.full((3, 2), np.nan)
+    )
+    view = view_of(Sighting(1, (0.0, 0.0, 0.0), np.empty((0, 2)), (seen,)), assets, params)
+    assert view.detections is not None
+    assert view.detections.seen_m.shape[0] == 2

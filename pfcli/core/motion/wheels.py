@@ -49,9 +49,9 @@ def inverse(jacobian: Jacobian) -> NDArray[np.float64]:
     return np.asarray(np.round(np.linalg.pinv(jacobian), 12))
 
 
-def slip(travel_m: NDArray[np.float64], jacobian: Jacobian) -> NDArray[np.float64]:
-    """(k,) travel that no motion of the robot explains, D - J J+ D: zero where all wheels grip."""
-    return np.asarray(travel_m - jacobian @ (inverse(jacobian) @ travel_m))
+def slip(travel_m: NDArray[np.float64], jacobian: Jacobian, back: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k,) travel that no motion of the robot explains, D - J J+ D: zero where all wheels grip. back: J+ (3, k)."""
+    return np.asarray(travel_m - jacobian @ (back @ travel_m))
 
 
 @kernel

@@ -44,26 +44,30 @@ def fit(yaw_rad: NDArray[np.float64], reading_rad: float, model: Compass) -> NDA
 
 
 class Bias(NamedTuple):
-    """What the compass reads too much (rad), its variance, and for how long (s) it has been bent beyond belief."""
+    """What the compass reads too much (rad), and its variance."""
 
     mean_rad: float = 0.0
     variance: float = math.radians(10.0) ** 2
-    bent_s: float = 0.0
 
 
 _DRIFT_PER_S = math.radians(0.5) ** 2
 _GATE = 3.0
 
 
+def is_bent(bias: Bias, residual_rad: float, sigma_rad: float) -> bool:
+    """Whether a reading lies beyond three standard deviations of the learnt bias and its own."""
+    return abs(residual_rad) > _GATE * math.sqrt(bias.variance + sigma_rad**2)
+
+
 def learn(bias: Bias, residual_rad: float, sigma_rad: float, seconds: float, memory_s: float) -> Bias:
     """The bias after a reading that differs from the filter's heading by residual_rad + mean.
 
     A scalar Kalman filter; readings of one `memory_s` count as one, since iron bends them alike. Beyond three standard
-    deviations nothing is learnt, and the time is counted.
+    deviations nothing is learnt.
     """
     variance = bias.variance + _DRIFT_PER_S * seconds
-    if abs(residual_rad) > _GATE * math.sqrt(variance + sigma_rad**2):
-        return Bias(bias.mean_rad, variance, bias.bent_s + seconds)
+    if is_bent(Bias(bias.mean_rad, variance), residual_rad, sigma_rad):
+        return Bias(bias.mean_rad, variance)
     noise = sigma_rad**2 * max(1.0, memory_s / max(seconds, 1e-3))
     gain = variance / (variance + noise)
-    return Bias(bias.mean_rad + gain * residual_rad, (1.0 - gain) * variance, 0.0)
+    return Bias(bias.mean_rad + gain * residual_rad, (1.0 - gain) * variance)

@@ -128,19 +128,26 @@ def pair_poses(detections: Detections, most: int) -> NDArray[np.float64]:
     return out[:count]
 
 
-def triangulated(detections: Detections) -> tuple[float, float, float] | None:
-    """The pose from the two detections of one place each that stand farthest apart in angle. Zhang 2011, section 2.2."""
+def triangulated(detections: Detections, near: NDArray[np.float64]) -> tuple[float, float, float] | None:
+    """The pose from the two detections that stand farthest apart in angle, each taken for the place of its kind that is
+    nearest from the pose `near` (3,). Zhang 2011, section 2.2."""
     seen, places, start, _ = detections
-    known = [k for k in range(seen.shape[0]) if start[k + 1] - start[k] == 1]
+    c, s = math.cos(near[2]), math.sin(near[2])
+    at = near[:2] + seen @ np.array([[c, s], [-s, c]])
+    known = [
+        places[a + int(np.argmin(((places[a:b] - xy) ** 2).sum(axis=1)))]
+        for xy, a, b in zip(at, start[:-1].tolist(), start[1:].tolist(), strict=True)
+    ]
+    bearing = np.arctan2(seen[:, 1], seen[:, 0])
     best, pick = 0.1, None
-    for i, j in ((i, j) for i in known for j in known if i < j):
-        a, b = (math.atan2(seen[k, 1], seen[k, 0]) for k in (i, j))
-        spread = abs(math.sin(a - b))
-        if spread > best and not np.array_equal(places[start[i]], places[start[j]]):
-            best, pick = spread, (i, j)
+    for i in range(len(known)):
+        for j in range(i):
+            spread = abs(math.sin(bearing[i] - bearing[j]))
+            if spread > best and not np.array_equal(known[i], known[j]):
+                best, pick = spread, (i, j)
     if pick is None:
         return None
-    first, second = (tuple(places[start[k]].tolist()) for k in pick)
+    first, second = (tuple(known[k].tolist()) for k in pick)
     return two_landmarks((first, second), seen[list(pick)])
 
 

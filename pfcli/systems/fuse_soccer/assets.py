@@ -80,7 +80,7 @@ def load(params: Params, job: Any) -> Assets:
         )
     places: dict[str, list[tuple[float, float]]] = {}
     for mark in field.landmarks:
-        for name in (mark.name, mark.kind):
+        for name in {field_yaml.spoken(mark.name), field_yaml.spoken(mark.kind)}:
             places.setdefault(name, []).append((mark.x_m, mark.y_m))
     return Assets(
         field,
@@ -116,7 +116,7 @@ def _detections(sighting: Sighting, assets: Assets, params: Params) -> Detection
     seen, places, sigma = [], [], []
     for group in sighting.landmarks:
         for name, r, bearing, given in zip(group.ids, group.range_m, group.bearing_rad, group.sigma, strict=True):
-            found = assets.places.get(name.replace("_", " "))
+            found = assets.places.get(field_yaml.spoken(name))
             if found is None or r > params.max_range_m:
                 continue
             seen.append((r * math.cos(bearing), r * math.sin(bearing)))

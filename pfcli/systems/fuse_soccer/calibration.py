@@ -15,6 +15,8 @@ from pfcli.align import Drive
 from pfcli.core.geometry import between, compose, wrap
 from pfcli.core.jit import kernel
 from pfcli.core.motion import wheels
+from pfcli.core.sensor.field_lines import Lines, nearest_line
+from pfcli.errors import LogError
 
 _WINDOW_S = 2.0
 _YAW_M = 0.3
@@ -26,13 +28,14 @@ tracked body sits on the base (m, m, rad)."""
 
 
 class Rolled(NamedTuple):
-    """Wheel angles (n, k) since the start (rad) and the true pose (n, 3) at the same stamps; whole: bool (n,), whether truth
-    was there all the time since the row before."""
+    """Wheel angles (n, k) since the start (rad) and the true pose (n, 3), at the same times (n,) since begin_ns (s); whole: bool
+    (n,), whether truth was there all the time since the row before."""
 
     angle_rad: NDArray[np.float64]
     truth: NDArray[np.float64]
     seconds: NDArray[np.float64]
     whole: NDArray[np.bool_]
+    begin_ns: int = 0
 
 
 class Fit(NamedTuple):
@@ -94,10 +97,13 @@ def _varied(nominal: Drive, p: NDArray[np.float64]) -> Fit:
 
 
 def fit_wheels(runs: list[Rolled], nominal: Drive) -> Fit:
-    """The base that explains the truth of all runs best, near what is given. Raises UsageError where the given one is none."""
+    """The base that explains the truth of all runs best, near what is given. Raises UsageError where the given one is
+    none, LogError where the runs are too short."""
     k, angles = nominal.jacobian().shape[0], len(nominal.angle_deg)
     sd = np.array([_SCALE_SD, *[_WHEEL_SD] * k, _ARM_SD, *[_ANGLE_SD] * angles, *_MOUNT_SD])
     windows = [_windows(run) for run in runs]
+    if not any(first.size for first, _ in windows):
+        raise LogError(f"the logs hold no {_WINDOW_S:g} s of wheels and truth without a gap")
     noise = 0.02
 
     def miss(p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -128,6 +134,26 @@ def _windows(run: Rolled) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     last = np.minimum(last, run.seconds.size - 1)
     good = gaps[first] == gaps[last]
     return first[good], last[good]
+
+
+def off_lines(
+    rolled: Rolled, mount: tuple[float, float, float], seen: list[tuple[float, NDArray[np.float64]]], lines: Lines
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Range (n,) of each point of vision and its distance (n,) to the nearest line, at the true poses of the base.
+
+    seen: time (s, as in `rolled`) and points (k, 2) of each frame in the base frame.
+    """
+    truth = base_truth(rolled, mount)
+    unrolled = np.column_stack([truth[:, :2], np.unwrap(truth[:, 2])])
+    ranges, distances = [np.empty(0)], [np.empty(0)]
+    for seconds, points in seen:
+        if not rolled.seconds[0] <= seconds <= rolled.seconds[-1] or points.size == 0:
+            continue
+        pose = np.array([[np.interp(seconds, rolled.seconds, unrolled[:, j]) for j in range(3)]])
+        places = compose(pose, np.column_stack([points, np.zeros(len(points))]))
+        ranges.append(np.hypot(points[:, 0], points[:, 1]))
+        distances.append(np.array([nearest_line(lines.segments, lines.arcs, x, y)[0] for x, y, _ in places]))
+    return np.concatenate(ranges), np.concatenate(distances)
 
 
 BIN_M, REACH_M = 0.5, 1.0
@@ -191,4 +217,4 @@ def rolled_of(
     poses[:, 2] = wrap(poses[:, 2])
     after = np.minimum(np.searchsorted(known, seconds), known.size - 1)
     gap = known[after] - known[np.maximum(after - 1, 0)]
-    return Rolled(angles, poses, seconds, gap <= most_gap_s)
+    return Rolled(angles, poses, seconds, gap <= most_gap_s, int(truth_ns[0]))

@@ -25,7 +25,7 @@ from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.fuse_soccer import propose, start
 from pfcli.systems.fuse_soccer.assets import Assets, View, load, view_of
 from pfcli.systems.fuse_soccer.params import Params
-from pfcli.systems.fuse_soccer.weigh import Belief, Heard, choose_side, turned, weigh
+from pfcli.systems.fuse_soccer.weigh import Belief, Heard, choose_side, of_missed, turned, weigh
 from pfcli.systems.pace import step_noise
 from pfcli.systems.result import Result
 from pfcli.systems.track import TrackKeeper
@@ -73,15 +73,18 @@ class Info(NamedTuple):
 
 
 class State(NamedTuple):
-    """belief: particles; pose: (3,) the last estimate; last: sighting; bias of the compass; stretch: of the motion's variance;
-    fit: evidence of the last frames, fading, as a share of the best there could be; what the end needs."""
+    """belief: particles; pose: (3,) the last estimate; last: sighting; begun_yaw_rad: odometry at the first one; bias of the
+    compass; heard_ns: its last reading, 0 before; stretch: of the motion's variance; fit: evidence of the last frames and the
+    best there could be, both fading; what the end needs."""
 
     belief: Belief
     pose: NDArray[np.float64]
     last: Sighting
+    begun_yaw_rad: float
     bias: compass.Bias
+    heard_ns: int
     stretch: float
-    fit: float
+    fit: tuple[float, float]
     way_m: float
     track: TrackKeeper
     frames: FrameKeeper
@@ -93,7 +96,9 @@ class State(NamedTuple):
 def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
     """Nothing is known before the first frame."""
     nothing = Belief(np.empty((0, 3)), np.empty(0), np.empty(0))
-    return State(nothing, np.zeros(3), first, compass.Bias(), 1.0, 1.0, 0.0, TrackKeeper(), FrameKeeper(), [], [], [])
+    yaw = first.odometry[2]
+    keepers = TrackKeeper(), FrameKeeper()
+    return State(nothing, np.zeros(3), first, yaw, compass.Bias(), 0, 1.0, (1.0, 1.0), 0.0, *keepers, [], [], [])
 
 
 class _Glance(NamedTuple):
@@ -114,21 +119,27 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
     state.track.see(sighting)
     view = view_of(sighting, assets, params)
     seconds = (sighting.stamp_ns - state.last.stamp_ns) * 1e-9
-    glance = _Glance(sighting, view, _heard(state, sighting, seconds, params), seconds)
+    heard = _heard(state, sighting, params)
+    glance = _Glance(sighting, view, heard, seconds)
     first = state.belief.pose.shape[0] == 0
     if first:
         if assets.initial.kind != "pose" and view.points.shape[1] == 0 and view.detections is None:
             return state._replace(last=sighting), None
         if assets.initial.heading is not None:
-            glance = glance._replace(heard=Heard(*assets.initial.heading, 1.0))
+            yaw, sd = assets.initial.heading
+            heard = Heard(yaw + sighting.odometry[2] - state.begun_yaw_rad, sd, 1.0)
         rng = draw(Purpose.INIT, sighting.stamp_ns)
-        state = state._replace(belief=start.scatter(view, glance.heard, assets, params, rng))
+        state = state._replace(belief=start.scatter(view, heard, assets, params, rng))
     else:
         state, glance = _move(state, glance, assets, params, draw)
     belief = state.belief._replace(log_w=state.belief.log_w - normalize(state.belief.log_w)[1])
-    state = state._replace(belief=weigh(belief, view, glance.heard, assets, params))
+    state = state._replace(belief=weigh(belief, view, heard, assets, params))
     if params.variant == "corrected" and view.best > 0.0:
         state, glance = _look_around_if_lost(state, glance, first, assets, params, draw)
+    if view.seen is not None:
+        belief = state.belief
+        missed = of_missed(belief.pose, view, assets, params)
+        state = state._replace(belief=belief._replace(log_w=belief.log_w + missed))
     return _conclude(state, glance, assets, params, draw)
 
 
@@ -155,11 +166,12 @@ def _look_around_if_lost(
     """Where the last frames fit badly, the particles get company of those of a robot that may be anywhere: each side by its
     prior and its evidence."""
     stamp_ns, belief = glance.sighting.stamp_ns, state.belief
-    now = normalize(belief.log_w)[1] / glance.view.best
-    fit = now if first else state.fit + _FADING * (now - state.fit)
+    now, best = normalize(belief.log_w)[1], glance.view.best
+    if not first:
+        now, best = (old + _FADING * (new - old) for old, new in zip(state.fit, (now, best), strict=True))
     rested = not state.injected_ns or stamp_ns - state.injected_ns[-1] >= _REST_NS
-    if first or fit >= params.lost_fit or not rested:
-        return state._replace(fit=fit), glance
+    if first or now >= params.lost_fit * best or not rested or not propose.tells(glance.view):
+        return state._replace(fit=(now, best)), glance
     # what held at the start need not hold now
     rng = draw(Purpose.INJECT, stamp_ns)
     found = start.anywhere(glance.view, glance.heard, assets, params, params.particles, rng)
@@ -170,7 +182,7 @@ def _look_around_if_lost(
         np.concatenate([belief.log_w + np.log(1.0 - params.lost_share), found.log_w + np.log(params.lost_share)]),
         np.concatenate([belief.odds, found.odds]),
     )
-    return state._replace(belief=both, fit=1.0), glance._replace(injected=found.pose.shape[0])
+    return state._replace(belief=both, fit=(best, best)), glance._replace(injected=found.pose.shape[0])
 
 
 def _stretched(stretch: float, surprise: float) -> float:
@@ -178,14 +190,16 @@ def _stretched(stretch: float, surprise: float) -> float:
     return min(max(stretch * (1.0 + _ADAPT * (min(surprise, _WILD) - 1.0)), 1.0), 1e4)
 
 
-def _heard(state: State, sighting: Sighting, seconds: float, params: Params) -> Heard | None:
+def _heard(state: State, sighting: Sighting, params: Params) -> Heard | None:
     """The compass in the field's frame, its bias removed; readings of one memory count as one."""
     if sighting.compass is None or not params.compass:
         return None
     yaw = sighting.compass.yaw_rad + math.radians(params.compass_north_deg - 90.0) - state.bias.mean_rad
-    sigma = math.radians(params.compass_sigma_deg)
-    if state.belief.pose.shape[0] == 0 or params.variant == "paper" or params.compass_memory_s == 0.0:
+    own = sighting.compass.sigma_rad
+    sigma = own if math.isfinite(own) and own > 0.0 else math.radians(params.compass_sigma_deg)
+    if state.heard_ns == 0 or params.variant == "paper" or params.compass_memory_s == 0.0:
         return Heard(yaw, sigma, 1.0)
+    seconds = (sighting.stamp_ns - state.heard_ns) * 1e-9
     return Heard(yaw, sigma, min(1.0, seconds / params.compass_memory_s))
 
 
@@ -201,8 +215,7 @@ def _predict(
     mean, sd, residual = _wheel_errors(now, last, params)
     sd = math.sqrt(state.stretch) * sd
     z = rng.standard_normal((belief.pose.shape[0], sd.size))
-    back = wheels.inverse(now.jacobian)
-    pose = wheels.predict(belief.pose, wheels.midway(moved), back, mean, sd, z)
+    pose = wheels.predict(belief.pose, wheels.midway(moved), now.back, mean, sd, z)
     return belief._replace(pose=pose), float(np.abs(residual).max())
 
 
@@ -211,7 +224,7 @@ def _wheel_errors(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Mean and spread (k,) of each wheel's error in this step, and the travel that no motion explains (m)."""
     travel, way = now.rolled_m - last.rolled_m
-    residual = wheels.slip(travel, now.jacobian)
+    residual = wheels.slip(travel, now.jacobian, now.back)
     sd = params.wheel_noise * way + params.wheel_noise_m + params.slip_gain * np.abs(residual)
     return params.wheel_bias * travel, sd, residual
 
@@ -220,7 +233,11 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     """Report, learn the compass, then resample."""
     sighting, view, heard, seconds = glance[:4]
     weights, log_evidence = normalize(state.belief.log_w)
-    belief, mirror_p = choose_side(state.belief, weights, seconds, glance.surprise > _WILD)
+    shown = state.belief.pose[int(np.argmax(weights)), 2]
+    if state.track.updates:
+        shown = state.pose[2] + sighting.odometry[2] - state.last.odometry[2]
+    forgotten = params.side_fade_per_s * seconds
+    belief, mirror_p = choose_side(state.belief, float(shown), weights, forgotten, glance.surprise > _WILD)
     pose = belief.pose
     found = estimate.densest(pose, weights, propose.MODE_M, propose.MODE_RAD)
     if params.estimate == "best" or params.variant == "paper":
@@ -230,8 +247,8 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     state.mirror_p.append(mirror_p)
     if found.mass >= _CERTAIN and sd_m <= _CERTAIN_M and mirror_p < 0.5 * (1.0 - _CERTAIN):
         state.certain_ns.append(sighting.stamp_ns)
-    bias, residual = _learned(state.bias, heard, found, sd_yaw, seconds, params)
-    two = landmarks.triangulated(view.detections) if view.detections is not None else None
+    bias, residual = _learned(state, glance, found, sd_yaw, params)
+    two = landmarks.triangulated(view.detections, found.pose) if view.detections is not None else None
     two = two or (math.nan, math.nan, math.nan)
     n_eff = float(effective_sample_size(weights))
     crowded = pose.shape[0] > params.particles
@@ -247,12 +264,12 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
         sd_yaw_rad=sd_yaw,
         n_eff=n_eff,
         log_evidence=log_evidence,
-        fit=state.fit,
+        fit=state.fit[0] / state.fit[1],
         points=view.points.shape[1],
         landmarks=0 if view.detections is None else view.detections.seen_m.shape[0],
         compass_residual_rad=residual,
         compass_bias_rad=bias.mean_rad,
-        compass_disturbed=bias.bent_s > 0.0,
+        compass_disturbed=heard is not None and compass.is_bent(state.bias, residual, heard.sigma_rad),
         slip_m=glance.slip_m,
         injected=glance.injected,
         refined=glance.refined,
@@ -262,7 +279,8 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
         two_y_m=two[1],
         two_yaw_rad=two[2],
     )
-    state = state._replace(pose=found.pose, bias=bias, last=sighting)
+    heard_ns = sighting.stamp_ns if heard is not None else state.heard_ns
+    state = state._replace(pose=found.pose, bias=bias, heard_ns=heard_ns, last=sighting)
     if not resample:
         return state._replace(belief=belief._replace(log_w=belief.log_w - log_evidence)), info
     rng = draw(Purpose.RESAMPLE, sighting.stamp_ns)
@@ -274,21 +292,22 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     fresh = pose[chosen]
     if params.variant == "paper" and params.new_share > 0.0:
         new = round(params.new_share * n)
-        fresh[:new] = start.anyhow(new, heard, assets, folded=False, rng=rng)
+        fresh[:new] = start.anyhow(new, None, assets, folded=False, rng=rng)
     return state._replace(belief=Belief(fresh, np.full(n, -np.log(n)), belief.odds[chosen])), info
 
 
 def _learned(
-    bias: compass.Bias, heard: Heard | None, found: estimate.PoseEstimate, sd_yaw: float, seconds: float, params: Params
+    state: State, glance: _Glance, found: estimate.PoseEstimate, sd_yaw: float, params: Params
 ) -> tuple[compass.Bias, float]:
     """The bias after this reading, which a filter that is sure of its heading teaches; and what the reading differs by."""
+    heard = glance.heard
     if heard is None:
-        return bias, math.nan
+        return state.bias, math.nan
     residual = math.remainder(heard.yaw_rad - float(found.pose[2]), 2 * math.pi)
     if not params.compass_bias or sd_yaw > _LEARN_SD_RAD or found.mass < _CERTAIN:
-        return bias, residual
-    sigma = math.radians(params.compass_sigma_deg)
-    return compass.learn(bias, residual, sigma, seconds, params.compass_memory_s), residual
+        return state.bias, residual
+    seconds = (glance.sighting.stamp_ns - state.heard_ns) * 1e-9 if state.heard_ns else params.compass_memory_s
+    return compass.learn(state.bias, residual, heard.sigma_rad, seconds, params.compass_memory_s), residual
 
 
 def finish(state: State, assets: Assets, params: Params) -> Result:

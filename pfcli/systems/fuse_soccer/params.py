@@ -22,11 +22,16 @@ class Params:
     particles: Annotated[int, Opt("particles", "", 1, 1_000_000)] = 500
     start_particles: Annotated[int, Opt("poses tried where the robot may be anywhere", "", 10, 1_000_000)] = 6000
     compass: Annotated[bool, Opt("use the compass; without it both sides of the field are reported")] = True
-    compass_sigma_deg: Annotated[float, Opt("spread of a reading of the compass", "deg", 0.1, 180)] = 10.0
+    compass_sigma_deg: Annotated[
+        float, Opt("spread of a reading of the compass that does not say its own", "deg", 0.1, 180)
+    ] = 10.0
     compass_outliers: Annotated[float, Opt("share of readings that iron bends", "", 1e-6, 0.999)] = 0.05
     compass_memory_s: Annotated[
         float, Opt("readings within this time count as one: iron bends them alike", "s", 0, 1000)
     ] = 1.0
+    side_fade_per_s: Annotated[
+        float, Opt("what is known of the side of the field fades so fast: robots are carried (corrected)", "1/s", 0, 1)
+    ] = 0.002
     compass_bias: Annotated[bool, Opt("learn the bias of the compass while driving")] = True
     compass_north_deg: Annotated[
         float,
@@ -47,7 +52,7 @@ class Params:
         float, Opt("how many independent points a frame is worth at the most (corrected)", "", 0.1, 1e5)
     ] = 40.0
     missed: Annotated[
-        bool, Opt("lines that ought to be seen and are not count as well: the third part of the model (corrected)")
+        bool, Opt("lines that ought to be seen and are not count as well: the third part of the model")
     ] = False
     miss: Annotated[float, Opt("share of the lines in view that vision does not report", "", 0.01, 0.99)] = 0.5
     refine: Annotated[
@@ -72,7 +77,9 @@ class Params:
     adapt: Annotated[
         bool, Opt("widen the motion's errors while the lines are not where they were predicted (corrected)")
     ] = True
-    resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share (corrected)", "", 0, 1)] = 0.5
+    resample_threshold: Annotated[
+        float, Opt("without proposals, resample when N_eff falls below this share (corrected)", "", 0, 1)
+    ] = 0.5
     estimate: Annotated[
         str, Opt("what is reported: mean of the densest hypothesis, or the best particle", choices=("mean", "best"))
     ] = "mean"

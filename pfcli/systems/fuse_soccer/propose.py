@@ -8,12 +8,12 @@ Gaussian from which some particles are drawn beside the predicted ones. All are 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core import estimate
+from pfcli.core import estimate, gaussians
 from pfcli.core.geometry import wrap
 from pfcli.core.jit import inline_kernel, kernel
+from pfcli.core.sensor import field_lines, landmarks
 from pfcli.core.weights import normalize
 from pfcli.systems.fuse_soccer.assets import Assets, View
-from pfcli.systems.fuse_soccer.start import draw_peaks, precisions, refined
 from pfcli.systems.fuse_soccer.weigh import Belief
 
 MODE_M, MODE_RAD = 0.6, 0.5
@@ -22,16 +22,37 @@ _WIDER = 1.5
 _NARROWEST = np.diag([0.005**2, 0.005**2, 0.003**2])
 
 
+def refined(poses: NDArray[np.float64], view: View, assets: Assets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses (k, 3) where lines and landmarks want them, and the Hessian (k, 3, 3) of the error there."""
+    if view.points.shape[1] == 0 and view.detections is not None:
+        return landmarks.refine(poses, view.detections)
+    mean, hessian = field_lines.refine(poses, view.points, view.sigma_m, assets.table, assets.field.lines, view.worth)
+    if view.detections is None:
+        return mean, hessian
+    pulled, more = landmarks.refine(mean, view.detections)
+    off = pulled - mean
+    off[:, 2] = wrap(off[:, 2])
+    both = hessian + more
+    return mean + np.linalg.solve(both, more @ off[:, :, None])[:, :, 0], both
+
+
+def tells(view: View) -> bool:
+    """Whether a sighting says where the robot is: some points, or two landmarks."""
+    marks = 0 if view.detections is None else view.detections.seen_m.shape[0]
+    return view.points.shape[1] >= _LEAST_POINTS or marks >= 2
+
+
 @kernel
-def _mixture(pose, log_own, prior, prior_inverse, drawn, drawn_inverse, log_gain, share, reach_m, reach_rad):  # type: ignore[no-untyped-def]
+def _mixture(pose, log_own, prior, prior_inverse, drawn, drawn_inverse, log_gain, predicted, share, reach_m, reach_rad):  # type: ignore[no-untyped-def]
     """Turn own log weights (n,) into those of a mixture: predicted ones, and `share` around `drawn`.
 
-    log_gain: log of the peak of the drawn Gaussian over that of the prior one. Beyond reach nothing was drawn.
+    log_gain: log of the peak of the drawn Gaussian over that of the prior one; predicted: how many rows are predicted ones.
     """
     for i in range(pose.shape[0]):
         dx, dy, dt = pose[i, 0] - prior[0], pose[i, 1] - prior[1], wrap(pose[i, 2] - prior[2])
         if dx * dx + dy * dy > reach_m * reach_m or abs(dt) > reach_rad:
-            log_own[i] -= np.log(1.0 - share)
+            # beyond reach nothing is drawn for weight: what was drawn there by chance has none
+            log_own[i] = log_own[i] - np.log(1.0 - share) if i < predicted else -np.inf
             continue
         ex, ey, et = pose[i, 0] - drawn[0], pose[i, 1] - drawn[1], wrap(pose[i, 2] - drawn[2])
         ratio = log_gain + 0.5 * (_square(prior_inverse, dx, dy, dt) - _square(drawn_inverse, ex, ey, et))
@@ -71,8 +92,7 @@ def beside(
     The surprise is the squared distance of the refined pose from the predicted one over what both allow, 1 on the average.
     Few points without two landmarks refine nothing.
     """
-    marks = 0 if view.detections is None else view.detections.seen_m.shape[0]
-    if count == 0 or (view.points.shape[1] < _LEAST_POINTS and marks < 2):
+    if count == 0 or not tells(view):
         return belief, 1.0
     n = belief.pose.shape[0]
     weights, _ = normalize(belief.log_w)
@@ -81,12 +101,12 @@ def beside(
     found, hessian = refined(prior.pose[None], view, assets)
     mean, cov, surprise = _fused(prior.pose, prior_cov, found[0], hessian[0])
     both = np.stack([prior_cov, cov])
-    inverse, peak = precisions(both)
-    drawn = draw_peaks(mean[None], both[1:], np.zeros(count, np.int64), rng.standard_normal((count, 3)))
+    inverse, peak = gaussians.precisions(both)
+    drawn = gaussians.draw(mean[None], both[1:], np.zeros(count, np.int64), rng.standard_normal((count, 3)))
     pose = np.concatenate([belief.pose, drawn])
     # what was there keeps its weight; what is new has that of an equal share of the predicted ones
     log_w = np.concatenate([belief.log_w, np.full(count, -np.log(n))])
     gain = float(peak[1] - peak[0] - np.log(max(prior.mass, 1e-9)))
-    _mixture(pose, log_w, prior.pose, inverse[0], mean, inverse[1], gain, count / (n + count), MODE_M, MODE_RAD)
+    _mixture(pose, log_w, prior.pose, inverse[0], mean, inverse[1], gain, n, count / (n + count), MODE_M, MODE_RAD)
     odds = np.concatenate([belief.odds, np.full(count, belief.odds[int(np.argmax(weights))])])
     return Belief(pose, log_w, odds), float(surprise)

@@ -20,7 +20,9 @@ ONE_SIDE = -np.inf
 """Odds of particles that stand for one pose only."""
 
 _SURE = 8.0
-_FORGET_PER_S, _FORGET_CARRIED = 0.02, 0.2
+_FORGET_CARRIED = 0.2
+_CHANGE = 0.6
+"""The other side has to be so probable before it is shown: sides that are equally likely do not alternate."""
 
 
 class Heard(NamedTuple):
@@ -37,6 +39,11 @@ class Belief(NamedTuple):
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
     odds: NDArray[np.float64]
+
+
+def sides(n: int, assets: Assets, params: Params, sign: float = 0.0) -> NDArray[np.float64]:
+    """Odds of n new particles: even (sign 0) or sure of their own side (-1); one side only where the field has no other."""
+    return np.full(n, sign * _SURE if assets.field.symmetric and params.variant == "corrected" else ONE_SIDE)
 
 
 def turned(poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,7 +77,7 @@ def _forget(odds, share):  # type: ignore[no-untyped-def]
 
 @kernel
 def _gather_sides(pose, odds, yaw):  # type: ignore[no-untyped-def]
-    """Let every particle show the side that looks the same way as `yaw`."""
+    """Let every particle show the side that looks about the same way as `yaw`."""
     for i in range(odds.size):
         if odds[i] != -np.inf and abs(wrap(pose[i, 2] - yaw)) > np.pi / 2:
             pose[i, 0], pose[i, 1], pose[i, 2] = -pose[i, 0], -pose[i, 1], wrap(pose[i, 2] + np.pi)
@@ -96,9 +103,14 @@ def of_lines(pose: NDArray[np.float64], view: View, assets: Assets, params: Para
         found = field_lines.evidence_exact(pose, view.points, lines, view.sigma_m, hit, params.reach_m)
     else:
         found = field_lines.evidence(pose, view.points, assets.table, assets.fine)
-    if view.seen is not None:
-        found = found + field_lines.evidence_of_missed(pose, assets.samples, view.seen, params.miss)
     return view.worth * found
+
+
+def of_missed(pose: NDArray[np.float64], view: View, assets: Assets, params: Params) -> NDArray[np.float64]:
+    """Evidence (n,) of the lines that ought to be seen; 0 where these do not count."""
+    if view.seen is None:
+        return np.zeros(pose.shape[0])
+    return view.worth * field_lines.evidence_of_missed(pose, assets.samples, view.seen, params.miss)
 
 
 def weigh(belief: Belief, view: View, heard: Heard | None, assets: Assets, params: Params) -> Belief:
@@ -118,18 +130,20 @@ def weigh(belief: Belief, view: View, heard: Heard | None, assets: Assets, param
     return Belief(pose, log_w, odds)
 
 
-def choose_side(belief: Belief, weights: NDArray[np.float64], seconds: float, carried: bool) -> tuple[Belief, float]:
-    """The belief with all particles shown on the likelier side, and the probability of the other one.
+def choose_side(
+    belief: Belief, yaw_rad: float, weights: NDArray[np.float64], forgotten: float, carried: bool
+) -> tuple[Belief, float]:
+    """The belief with all particles shown on one side, and the probability of the other one.
 
-    seconds: since the last sighting. What was known of the side fades a little, for robots are carried, and more if this
-    one seems to have been.
+    yaw_rad: where the side that was shown last looks; it is kept until the other one is clearly more probable. forgotten: how
+    much of what was known of the side fades, for robots are carried; more if this one seems to have been.
     """
     if belief.odds.size == 0 or belief.odds[0] == ONE_SIDE:
         return belief, 0.0
     pose, odds = belief.pose.copy(), belief.odds.copy()
-    _forget(odds, min(1.0, _FORGET_PER_S * seconds + _FORGET_CARRIED * carried))
-    _gather_sides(pose, odds, pose[int(np.argmax(weights)), 2])
+    _forget(odds, min(1.0, forgotten + _FORGET_CARRIED * carried))
+    _gather_sides(pose, odds, yaw_rad)
     share = float(share_turned(weights, odds))
-    if share > 0.5:
+    if share > _CHANGE:
         return Belief(turned(pose), belief.log_w, -odds), 1.0 - share
     return Belief(pose, belief.log_w, odds), share
