@@ -325,10 +325,11 @@ def _sighting(event: Event) -> Sighting | None:
 
 
 class _Instant(NamedTuple):
-    """Odometry at a stamp, and how far each wheel has rolled till then."""
+    """Odometry at a stamp, and how far each wheel has rolled and the robot has gone and turned till then."""
 
     odometry: Odometry
     rolled: NDArray[np.float64]
+    travelled: tuple[float, float]
 
 
 def sweeps(
@@ -363,7 +364,7 @@ def sweeps(
         odometry = reckon(event)
         if odometry is None:
             continue
-        after = _Instant(odometry, reckon.rolled)
+        after = _Instant(odometry, reckon.rolled, _travelled(before, odometry))
         while waiting and waiting[0][0].stamp_ns <= odometry.stamp_ns:
             reading, name = waiting.popleft()
             if before is None and reading.stamp_ns < odometry.stamp_ns:
@@ -416,10 +417,19 @@ def _joined(
     odometry = at.odometry[1:4]
     if isinstance(reading, Sighting):
         rolling = None if reckon.jacobian is None else Rolling(at.rolled, reckon.jacobian, reckon.back)
-        return reading._replace(odometry=odometry, rolling=rolling, source_stamp=name)
+        return reading._replace(odometry=odometry, rolling=rolling, travelled=at.travelled, source_stamp=name)
     if isinstance(reading, Ranges):
         return Sounding(reading.stamp_ns, odometry, reading, name)
     return Sweep(reading.stamp_ns, odometry, reading, name)
+
+
+def _travelled(before: _Instant | None, now: Odometry) -> tuple[float, float]:
+    """Way and turn up to now, without signs."""
+    if before is None:
+        return 0.0, 0.0
+    last, (way, turn) = before.odometry, before.travelled
+    step = math.hypot(now.x_m - last.x_m, now.y_m - last.y_m)
+    return way + step, turn + abs(math.remainder(now.yaw_rad - last.yaw_rad, 2 * math.pi))
 
 
 def _between(a: _Instant, b: _Instant, stamp_ns: int) -> _Instant:
@@ -431,4 +441,8 @@ def _between(a: _Instant, b: _Instant, stamp_ns: int) -> _Instant:
     turn = math.remainder(q.yaw_rad - p.yaw_rad, 2 * math.pi)
     yaw = math.remainder(p.yaw_rad + s * turn, 2 * math.pi)
     odometry = Odometry(stamp_ns, p.x_m + s * (q.x_m - p.x_m), p.y_m + s * (q.y_m - p.y_m), yaw)
-    return _Instant(odometry, a.rolled + s * (b.rolled - a.rolled) if a.rolled.size else b.rolled)
+    travelled = (
+        a.travelled[0] + s * (b.travelled[0] - a.travelled[0]),
+        a.travelled[1] + s * (b.travelled[1] - a.travelled[1]),
+    )
+    return _Instant(odometry, a.rolled + s * (b.rolled - a.rolled) if a.rolled.size else b.rolled, travelled)

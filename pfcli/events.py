@@ -156,7 +156,8 @@ class Rolling(NamedTuple):
 
 class Sighting(NamedTuple):
     """What vision saw at a stamp, with the odometry pose of that stamp: points of field lines (n, 2) in the base frame (m),
-    detected landmarks, the newest reading of the compass, and the wheels where motion comes from encoders."""
+    detected landmarks, the newest reading of the compass, and the wheels where motion comes from encoders; travelled: way (m)
+    and turn (rad) since the first odometry, without signs."""
 
     stamp_ns: int
     odometry: tuple[float, float, float]
@@ -164,6 +165,7 @@ class Sighting(NamedTuple):
     landmarks: tuple["Landmarks", ...]
     compass: "Heading | None" = None
     rolling: Rolling | None = None
+    travelled: tuple[float, float] = (0.0, 0.0)
     source_stamp: str = ""
 
 

@@ -32,13 +32,24 @@ class Finite(click.FloatRange):
         return number
 
 
-def system_options(params: type) -> Callable[[_Command], _Command]:
-    """One click option per parameter; None where the flag is not given, so that TOML and defaults show through."""
+def system_options(params: type, landmarks: type | None = None) -> Callable[[_Command], _Command]:
+    """One click option per parameter; None where the flag is not given, so that TOML and defaults show through.
+
+    landmarks: parameters of the system that the command is with --landmarks; shared names are one option.
+    """
+    own = fields(params)
+    more = {field.name: field for field in fields(landmarks)} if landmarks is not None else {}
+    extra = [field for name, field in more.items() if name not in {f.name for f in own}]
 
     def add(command: _Command) -> _Command:
-        for field in reversed(fields(params)):
+        for field in reversed([*own, *extra]):
             note = f"{field.opt.help} [{field.opt.unit}]" if field.opt.unit else field.opt.help
-            shown = f"{note}  (default: {str(field.default).lower() if field.kind is bool else field.default})"
+            other = more.get(field.name)
+            if field in extra:
+                note = f"--landmarks: {note}"
+            default = str(field.default).lower() if field.kind is bool else field.default
+            both = f"; --landmarks: {other.default}" if other and other.default != field.default else ""
+            shown = f"{note}  (default: {default}{both})"
             if field.kind is bool:
                 declared = f"{field.flag}/--no-{field.flag[2:]}"
                 command = click.option(declared, field.name, default=None, help=shown)(command)
@@ -50,9 +61,13 @@ def system_options(params: type) -> Callable[[_Command], _Command]:
     return add
 
 
-def build_params(params: type, given: dict[str, Any], file: Path | None) -> Any:
-    """Flag over TOML over default. Raises UsageError naming the flag or the file's field."""
+def build_params(params: type, given: dict[str, Any], file: Path | None, other: type | None = None) -> Any:
+    """Flag over TOML over default. Raises UsageError naming the flag or the file's field, or a flag of the `other` system of
+    the same command."""
     names = {field.name for field in fields(params)}
+    for field in fields(other) if other is not None else []:
+        if field.name not in names and given.get(field.name) is not None:
+            raise UsageError(f"{field.flag} goes {'without' if given['landmarks'] else 'with'} --landmarks")
     values: dict[str, Any] = {}
     if file is not None:
         values = _toml(file, "--params")

@@ -10,6 +10,7 @@ SYSTEMS = {
     "localize-partial": "pfcli.systems.localize_partial.filter:SYSTEM",
     "localize-reliable": "pfcli.systems.localize_reliable.filter:SYSTEM",
     "slam-gdr": "pfcli.systems.slam_gdr.filter:SYSTEM",
+    "slam-gdr-landmarks": "pfcli.systems.slam_landmarks.filter:SYSTEM",
 }
 
 PARAMS = {
@@ -18,7 +19,11 @@ PARAMS = {
     "localize-partial": "pfcli.systems.localize_partial.params:Params",
     "localize-reliable": "pfcli.systems.localize_reliable.params:Params",
     "slam-gdr": "pfcli.systems.slam_gdr.params:Params",
+    "slam-gdr-landmarks": "pfcli.systems.slam_landmarks.params:Params",
 }
+
+LANDMARKS = {"slam-gdr": "slam-gdr-landmarks"}
+"""Command -> the system that it is with --landmarks."""
 
 MAPPED = frozenset({"localize-lookup", "localize-partial", "localize-reliable"})
 """Systems that need a map: their commands have --map."""

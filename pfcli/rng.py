@@ -17,6 +17,7 @@ class Purpose(IntEnum):
     BOOTSTRAP = 6
     INJECT = 7
     CALIBRATE = 8
+    SMOOTH = 9
 
 
 def rng_for(seed: int, purpose: Purpose, stamp_ns: int, k: int = 0) -> np.random.Generator:

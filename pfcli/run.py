@@ -200,7 +200,8 @@ def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
         stamps, poses = tum.read(Path(job.truth))
     else:
         raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
-    aligned = None if job.system.name in LOCALISERS else align_se2
+    placed = job.system.name in LOCALISERS or bool(getattr(job.params, "landmark_map", ""))
+    aligned = None if placed else align_se2
     return errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
 
 
@@ -269,6 +270,8 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
         map_yaml.write(folder, layer, name)
     for name, table in run.result.tables.items():
         parquet.write(folder / f"{name}.parquet", table, meta)
+    for name, text in run.result.texts.items():
+        (folder / name).write_text(text)
     (folder / "params.toml").write_text(f"# {job.system.name}, seed {job.seed}\n" + to_toml(job.params))
     summary = summarize(job, run)
     (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n")

@@ -12,6 +12,7 @@ from pfcli.options import Finite
 
 if TYPE_CHECKING:
     from pfcli.events import Scan
+    from pfcli.formats.landmarklogs import LandmarkLog
     from pfcli.formats.lineframes import Frame
     from pfcli.formats.ticklogs import TickLog
 
@@ -54,17 +55,20 @@ def convert(
 
     SOURCE: CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3; tinySLAM .dat, the folder of a LEGO
     robot, a tricycle's .txt or OptiOdom's .csv, whose wheel ticks stay ticks; a frame of field lines (Falcons' .json,
-    Carpe Noctem's LinePoints.txt).
+    Carpe Noctem's LinePoints.txt); landmarks (MR.CLAM's RobotN_Measurement.dat, Stachniss' sensor_data.dat).
 
     Example: pfcli convert intel.clf.bz2 intel.mcap
     """
     from pfcli.commands.show import emit, lost, say
-    from pfcli.formats import lineframes, rosbag, ticklogs
+    from pfcli.formats import landmarklogs, lineframes, rosbag, ticklogs
 
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")
     if not source.exists():
         raise LogError(f"{source}: no such file")
+    marks = landmarklogs.reader_of(source)
+    if marks is not None:
+        return _landmarks(marks(source), target, compression, as_json)
     reader = ticklogs.reader_of(source)
     if reader is not None:
         return _ticks(reader(source), target, (range_scale, range_max), compression, as_json)
@@ -111,6 +115,33 @@ def _ticks(log: "TickLog", target: Path, ranges: tuple[float, float | None], com
     ticks = sum(isinstance(event, Ticks) for event in log.events)
     found = {"out": str(target), "ticks": ticks, "scans": scans, "unreadable_lines": log.broken, "hint": log.hint}
     emit(found, [f"{target}: {ticks} encoder readings, {scans} scans; {log.hint}"], as_json)
+    return lost({"unreadable line": log.broken} if log.broken else {}, [])
+
+
+def _landmarks(log: "LandmarkLog", target: Path, compression: str, as_json: bool) -> int:
+    from pfcli.commands.show import emit, lost
+    from pfcli.events import Landmarks, Odometry, Twist
+    from pfcli.formats import landmark_csv
+    from pfcli.formats.log_writer import LogWriter
+
+    with LogWriter(target, compression) as out:
+        for event in log.events:
+            if isinstance(event, Twist):
+                out.twist(event)
+            elif isinstance(event, Landmarks):
+                out.landmarks(event)
+            elif isinstance(event, Odometry):
+                out.odometry(event)
+            else:
+                out.pose(event.stamp_ns, event[1:4])
+    csv = target.with_name(f"{target.stem}-landmarks.csv")
+    x, y = zip(*log.places.values(), strict=True)
+    csv.write_text(landmark_csv.text({"id": list(log.places), "x_m": x, "y_m": y}))
+    seen = sum(len(event.ids) for event in log.events if isinstance(event, Landmarks))
+    found = {"out": str(target), "landmarks": str(csv), "detections": seen, "robots": log.robots}
+    found |= {"unknown_codes": log.unknown, "unreadable_lines": log.broken}
+    line = f"{target}: {seen} detections of landmarks; {log.robots} of robots, {log.unknown} of unknown codes left out"
+    emit(found, [line], as_json)
     return lost({"unreadable line": log.broken} if log.broken else {}, [])
 
 

@@ -24,12 +24,12 @@ from pfcli.errors import UsageError
 def simulate(
     scenario: str, target: Path, seed: int, true_map: bool, partial_map: bool, force: bool, as_json: bool
 ) -> None:
-    """Write a log of SCENARIO (a name, or a TOML file with the same fields) with truth to TARGET (.mcap).
+    """Write a log of SCENARIO (a name, a TOML file with its fields, or a JSON world of landmarks) with truth to TARGET (.mcap).
 
     `pfcli simulate list -` prints the names. Example: pfcli simulate office office.mcap --seed 3
     """
+    from pfcli.simulate import landmarks, soccer
     from pfcli.simulate import scenario as scenarios
-    from pfcli.simulate import soccer
 
     if scenario == "list":
         for s in scenarios.SCENARIOS.values():
@@ -37,6 +37,8 @@ def simulate(
                 f"{s.name:<18} world {s.world}, robot {s.robot}, laser {s.laser}"
                 + (f", {s.people} people" if s.people else "")
             )
+        for world in landmarks.SCENARIOS.values():
+            click.echo(f"{world.name:<18} {world.landmarks} landmarks on {world.width_m:g} x {world.height_m:g} m")
         for match in soccer.SCENARIOS.values():
             click.echo(f"{match.name:<18} field {match.field}, {match.route}, {match.points} points a frame")
         return

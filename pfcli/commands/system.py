@@ -1,5 +1,6 @@
 """The command of a system: replay logs through it and write the results."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from pfcli.outputs import check, check_kind, interrupt_on_terminate, output_dir
 def command(name: str) -> click.Command:
     """The click command of the system `name`; its kernels are imported only when it runs."""
     params = registry.params_class(name)
+    second = registry.params_class(registry.LANDMARKS[name]) if name in registry.LANDMARKS else None
     example = " --map map.yaml" if name in registry.MAPPED else ""
 
     @click.command(name, help=f"{registry.SUMMARY[name]}\n\nExample: pfcli {name} log.mcap{example} --out out/run")
@@ -54,17 +56,25 @@ def command(name: str) -> click.Command:
     )
     @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
     @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
+    @_landmarks_option(second is not None)
     @reading_options
     @localiser_options(name)
-    @system_options(params)
+    @system_options(params, second)
     def system_command(**given: Any) -> int:
-        return _run(name, params, given)
+        if second is not None and given["landmarks"]:
+            return _run(registry.LANDMARKS[name], second, given, params)
+        return _run(name, params, given, second)
 
     return system_command
 
 
-def _run(name: str, params: type, given: dict[str, Any]) -> int:
-    built = build_params(params, given, given["params_file"])
+def _landmarks_option(wanted: bool) -> Callable[[Any], Any]:
+    flag = click.option("--landmarks", is_flag=True, help="Use detections of landmarks instead of laser scans.")
+    return flag if wanted else lambda command: command
+
+
+def _run(name: str, params: type, given: dict[str, Any], other: type | None) -> int:
+    built = build_params(params, given, given["params_file"], other)
     settings = settings_of(given)
     check(given["out"], force=given["force"])
     if given["plot"] is not None:

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from pfcli.errors import OutputError, reason
-from pfcli.events import Heading, LinePoints, Odometry, Pose2, Scan, Ticks
+from pfcli.events import Heading, Landmarks, LinePoints, Odometry, Pose2, Scan, Ticks, Twist
 from pfcli.formats.schemas import json_schema, ros2msg, typestore
 
 _HEAD = b"\x00\x01\x00\x00"
@@ -110,6 +110,21 @@ class LogWriter:
     def heading(self, heading: Heading, topic: str = "/compass") -> None:
         """Append pfcli.Heading."""
         self.json(topic, "pfcli.Heading", heading.stamp_ns, yaw_rad=round(heading.yaw_rad, 4))
+
+    def twist(self, twist: Twist, topic: str = "/cmd_vel") -> None:
+        """Append pfcli.Twist."""
+        speeds = {"vx_mps": twist.vx_mps, "vy_mps": twist.vy_mps, "yaw_rate_radps": twist.yaw_rate_radps}
+        self.json(topic, "pfcli.Twist", twist.stamp_ns, **speeds)
+
+    def landmarks(self, seen: Landmarks, topic: str = "/landmarks") -> None:
+        """Append pfcli.Landmarks, to a tenth of a millimetre."""
+        names = ("range_m", "bearing_rad", "sigma_range_m", "sigma_bearing_rad")
+        numbers = np.column_stack([seen.range_m, seen.bearing_rad, seen.sigma]).tolist()
+        rows = [
+            {"id": i} | {k: round(v, 5) for k, v in zip(names, row, strict=True) if math.isfinite(v)}
+            for i, row in zip(seen.ids, numbers, strict=True)
+        ]
+        self.json(topic, "pfcli.Landmarks", seen.stamp_ns, landmarks=rows)
 
     def line_points(self, lines: LinePoints, topic: str = "/lines") -> None:
         """Append pfcli.LinePoints, to the millimetre."""

@@ -14,7 +14,8 @@ from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.rng import Purpose, rng_for
-from pfcli.simulate import soccer
+from pfcli.simulate import landmarks, soccer
+from pfcli.simulate.landmarks import LandmarkWorld
 from pfcli.simulate.laser import LASERS, Laser, cast
 from pfcli.simulate.robot import ROBOTS, STEP_S, WheelOdometry, drive
 from pfcli.simulate.soccer import Soccer
@@ -112,20 +113,25 @@ SCENARIOS = {
 }
 
 
-def load(text: str) -> Scenario | Soccer:
-    """A scenario by name or from a TOML file with the fields of `Scenario`, or of `Soccer` where it names a `route`."""
+def load(text: str) -> Scenario | Soccer | LandmarkWorld:
+    """A scenario by name, from a TOML file with the fields of `Scenario` or of `Soccer`, or from a JSON world of landmarks."""
     if text in SCENARIOS:
         return SCENARIOS[text]
     if text in soccer.SCENARIOS:
         return soccer.SCENARIOS[text]
+    if text in landmarks.SCENARIOS:
+        return landmarks.SCENARIOS[text]
     path = Path(text)
+    if path.suffix == ".json":
+        return landmarks.read(path)
     if path.suffix != ".toml":
-        raise UsageError(
-            f"no scenario {text!r}; there are {', '.join([*SCENARIOS, *soccer.SCENARIOS])}, or name a .toml file"
-        )
+        names = ", ".join([*SCENARIOS, *soccer.SCENARIOS, *landmarks.SCENARIOS])
+        raise UsageError(f"no scenario {text!r}; there are {names}, or name a .toml or .json file")
     try:
         fields = tomllib.loads(path.read_text())
-        kind = Soccer if set(fields) & (set(Soccer._fields) - set(Scenario._fields)) else Scenario
+        kind: type[Scenario] | type[Soccer] = (
+            Soccer if set(fields) & (set(Soccer._fields) - set(Scenario._fields)) else Scenario
+        )
         known = {k: type(v) for k, v in kind("x")._asdict().items()}
         for key, value in fields.items():
             if key not in known or not isinstance(value, (int, float) if known[key] is float else known[key]):
@@ -257,10 +263,12 @@ class _Crowd:
             self.discs[k, 2] = 0.25
 
 
-def write(scenario: Scenario | Soccer, seed: int, path: Path) -> dict[str, float]:
+def write(scenario: Scenario | Soccer | LandmarkWorld, seed: int, path: Path) -> dict[str, float]:
     """Write the log (uncompressed chunks, truth on /ground_truth); returns counts."""
     if isinstance(scenario, Soccer):
         return soccer.write(scenario, seed, path)
+    if isinstance(scenario, LandmarkWorld):
+        return landmarks.write(scenario, seed, path)
     laser = _laser(scenario)
     every = max(1, round(1.0 / (scenario.odometry_hz * STEP_S)))
     put = _put_json if scenario.encoding == "json" else _put_ros2
@@ -316,17 +324,20 @@ def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool
             log.json(f"/range/{name}", "pfcli.Range", reading.stamp_ns, **value, **limits)
 
 
-def write_map(scenario: Scenario | Soccer, folder: Path, name: str) -> None:
+def write_map(scenario: Scenario | Soccer | LandmarkWorld, folder: Path, name: str) -> None:
     """Write the true map beside the log."""
     if isinstance(scenario, Soccer):
         soccer.write_field(scenario, folder, name)
         return
+    if isinstance(scenario, LandmarkWorld):
+        landmarks.write_map(scenario, folder, name)
+        return
     map_yaml.write(folder, rasterize(WORLDS[scenario.world](scenario.world_seed), 0.05), name)
 
 
-def write_partial_map(scenario: Scenario | Soccer, folder: Path, name: str) -> None:
+def write_partial_map(scenario: Scenario | Soccer | LandmarkWorld, folder: Path, name: str) -> None:
     """Write the map that the robot has been given: what it could reach, and of that the western share."""
-    if isinstance(scenario, Soccer):
-        raise UsageError("--partial-map: a soccer field is known as a whole")
+    if not isinstance(scenario, Scenario):
+        raise UsageError("--partial-map: only worlds of walls have partial maps")
     world = WORLDS[scenario.world](scenario.world_seed)
     map_yaml.write(folder, known_part(rasterize(world, 0.05), world, scenario.known_share), name)

@@ -31,7 +31,7 @@ class Frame(NamedTuple):
 
 class Result(NamedTuple):
     """track; grid: the map that was built or localised in; frames; summary: scalars for run.json; layers: more maps by
-    name; tables: more tables by name, columns of equal length."""
+    name; tables: more tables by name, columns of equal length; texts: more files by name."""
 
     track: Track
     grid: GridMap | None
@@ -39,3 +39,4 @@ class Result(NamedTuple):
     summary: dict[str, Any]
     layers: Mapping[str, GridMap] = MappingProxyType({})
     tables: Mapping[str, dict[str, Any]] = MappingProxyType({})
+    texts: Mapping[str, str] = MappingProxyType({})

@@ -36,8 +36,9 @@ _FADING = 0.2
 _LEARN_SD_RAD = 0.15
 _REST_NS = 500_000_000
 """Who is still lost looks around again after this time."""
-_ADAPT, _WILD = 0.1, 30.0
-"""How fast the motion's errors follow the surprises, and the largest surprise that counts."""
+_CAUTIOUS, _ADAPT, _WILD = 20.0, 0.1, 30.0
+"""The motion's variance at the start in units of its parameters, how fast it follows the surprises, and the largest that
+counts."""
 
 
 class Info(NamedTuple):
@@ -98,7 +99,9 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
     nothing = Belief(np.empty((0, 3)), np.empty(0), np.empty(0))
     yaw = first.odometry[2]
     keepers = TrackKeeper(), FrameKeeper()
-    return State(nothing, np.zeros(3), first, yaw, compass.Bias(), 0, 1.0, (1.0, 1.0), 0.0, *keepers, [], [], [])
+    adapts = params.adapt and params.vision and params.refine > 0.0 and params.variant == "corrected"
+    stretch = _CAUTIOUS if adapts else 1.0
+    return State(nothing, np.zeros(3), first, yaw, compass.Bias(), 0, stretch, (1.0, 1.0), 0.0, *keepers, [], [], [])
 
 
 class _Glance(NamedTuple):
@@ -233,7 +236,8 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     """Report, learn the compass, then resample."""
     sighting, view, heard, seconds = glance[:4]
     weights, log_evidence = normalize(state.belief.log_w)
-    shown = state.belief.pose[int(np.argmax(weights)), 2]
+    # sides that are equally likely: the one that was shown, at first the one that the compass is nearer to
+    shown = heard.yaw_rad if heard is not None else state.belief.pose[int(np.argmax(weights)), 2]
     if state.track.updates:
         shown = state.pose[2] + sighting.odometry[2] - state.last.odometry[2]
     forgotten = params.side_fade_per_s * seconds

@@ -50,7 +50,7 @@ class Params:
     reach_m: Annotated[float, Opt("how far from lines other points lie", "m", 0.1, 10)] = 1.0
     independent_points: Annotated[
         float, Opt("how many independent points a frame is worth at the most (corrected)", "", 0.1, 1e5)
-    ] = 40.0
+    ] = 80.0
     missed: Annotated[
         bool, Opt("lines that ought to be seen and are not count as well: the third part of the model")
     ] = False

@@ -13,13 +13,13 @@ from pfcli.core.geometry import between, compose, spread_residual
 from pfcli.core.grid import scan_match, tiles
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
-from pfcli.core.resample import csw, gdr, stratified, systematic
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Pose2, Sweep
 from pfcli.formats.map_yaml import GridMap
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.gdr_resampling import ancestors_of, dispersed
 from pfcli.systems.pace import noise_of, step_since
 from pfcli.systems.result import Result, Track
 from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
@@ -139,7 +139,7 @@ def _update(
         n_eff = float(effective_sample_size(weights))
         state = state._replace(pose=pose, log_w=state.log_w + gain, score=state.score + gain)
         if n > 1 and n_eff < params.resample_threshold * n:
-            ancestors, resampled = _ancestors(weights, params, draw, sweep.stamp_ns), True
+            ancestors, resampled = ancestors_of(weights, params, draw, sweep.stamp_ns), True
             before = state.pose[ancestors]
             state = _resample(state, ancestors, weights, params, draw, sweep.stamp_ns)
             spread = float(np.sqrt(((state.pose - before)[:, :2] ** 2).sum(axis=1).mean()))
@@ -209,27 +209,12 @@ def _look(
     return correction if better > _COARSE_GAIN else np.zeros(3)
 
 
-def _ancestors(weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int) -> NDArray[np.int64]:
-    rng = draw(Purpose.RESAMPLE, stamp_ns)
-    if params.resampler == "stratified":
-        return np.asarray(stratified.ancestors(weights, rng.random(weights.size)))
-    if params.resampler == "systematic":
-        return np.asarray(systematic.ancestors(weights, rng.random(1)))
-    return csw.ancestors(weights, rng.random(1), params.sort)
-
-
 def _resample(
     state: State, ancestors: NDArray[np.int64], weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int
 ) -> State:
     """Offspring take the map and history of their parent; GDR disperses them around it (eqs (7)-(8))."""
     n = params.particles
-    pose = state.pose[ancestors]
-    if params.resampler == "gdr":
-        paper = params.variant == "paper"
-        factor = gdr.scales(weights[ancestors], 1 if paper else n, np.inf if paper else params.dispersal_cap)
-        sigma = np.array([params.alpha_xy_m, params.alpha_xy_m, np.radians(params.alpha_yaw_deg)])
-        z = draw(Purpose.DISPERSE, stamp_ns).standard_normal((n, 3))
-        pose = gdr.disperse(pose, ancestors, factor, sigma, not (paper or params.disperse_first), z)
+    pose = dispersed(state.pose, ancestors, weights, params, draw, stamp_ns)
     return state._replace(
         pose=pose, log_w=np.zeros(n), score=state.score[ancestors], maps=tiles.resample(state.maps, ancestors)
     )

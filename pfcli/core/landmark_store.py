@@ -1,0 +1,117 @@
+"""The landmarks of all particles in blocks that particles share until one of them changes its block.
+
+Resampling copies one number for 16 landmarks of a particle, not the landmarks: that is as good as flat, where a tree
+(Montemerlo 2003) is logarithmic.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.jit import inline_kernel, kernel
+
+BLOCK, FIELDS = 16, 7
+"""A landmark is x, y, pxx, pxy, pyy, sightings, evidence; sightings 0: there is none."""
+
+
+class Store(NamedTuple):
+    """table (n, b): block of each particle's landmarks 16 k .. 16 k + 15, -1 where there is none; pool (cap, BLOCK, FIELDS);
+    refs (cap,): how many rows of the table point there; free (cap,): a stack of unused blocks; top (1,): its height."""
+
+    table: NDArray[np.int32]
+    pool: NDArray[np.float64]
+    refs: NDArray[np.int32]
+    free: NDArray[np.int32]
+    top: NDArray[np.int64]
+
+
+def empty(n: int) -> Store:
+    """No landmarks for n particles."""
+    return Store(
+        np.empty((n, 0), np.int32),
+        np.empty((0, BLOCK, FIELDS)),
+        np.empty(0, np.int32),
+        np.empty(0, np.int32),
+        np.zeros(1, np.int64),
+    )
+
+
+def reserve(store: Store, columns: int) -> Store:
+    """Room for landmarks up to `columns` in every particle, even if no block were shared."""
+    n, have = store.table.shape
+    blocks = -(-columns // BLOCK)
+    if blocks <= have:
+        return store
+    blocks = max(blocks, 2 * have)
+    old, cap = store.refs.size, n * blocks
+    table = np.full((n, blocks), -1, np.int32)
+    table[:, :have] = store.table
+    pool = np.zeros((cap, BLOCK, FIELDS))
+    pool[:old] = store.pool
+    refs = np.zeros(cap, np.int32)
+    refs[:old] = store.refs
+    free = np.empty(cap, np.int32)
+    top = int(store.top[0])
+    free[:top] = store.free[:top]
+    free[top : top + cap - old] = np.arange(cap - 1, old - 1, -1)
+    return Store(table, pool, refs, free, np.array([top + cap - old]))
+
+
+@inline_kernel
+def read(table, pool, i, column):  # type: ignore[no-untyped-def]
+    """(block, row) of a particle's landmark; block -1 where there is none."""
+    block = table[i, column // BLOCK]
+    row = column % BLOCK
+    if block >= 0 and pool[block, row, 5] == 0.0:
+        return -1, row
+    return block, row
+
+
+@inline_kernel
+def own(table, pool, refs, free, top, i, column):  # type: ignore[no-untyped-def]
+    """The block of a particle's landmark, its alone to write."""
+    b = column // BLOCK
+    block = table[i, b]
+    if block >= 0 and refs[block] == 1:
+        return block
+    top[0] -= 1
+    fresh = free[top[0]]
+    if block >= 0:
+        pool[fresh] = pool[block]
+        refs[block] -= 1
+    else:
+        pool[fresh] = 0.0
+    refs[fresh] = 1
+    table[i, b] = fresh
+    return fresh
+
+
+@kernel
+def _choose(table, ancestors, refs, free, top):  # type: ignore[no-untyped-def]
+    out = table[ancestors]
+    refs[:] = 0
+    for i in range(out.shape[0]):
+        for b in range(out.shape[1]):
+            if out[i, b] >= 0:
+                refs[out[i, b]] += 1
+    top[0] = 0
+    for k in range(refs.size - 1, -1, -1):
+        if refs[k] == 0:
+            free[top[0]] = k
+            top[0] += 1
+    return out
+
+
+def choose(store: Store, ancestors: NDArray[np.int64]) -> Store:
+    """The store after resampling."""
+    return store._replace(table=_choose(store.table, ancestors, store.refs, store.free, store.top))
+
+
+def landmarks(store: Store, i: int) -> NDArray[np.float64]:
+    """(columns, FIELDS) landmarks of particle i; rows with no sightings are none."""
+    out = np.zeros((store.table.shape[1] * BLOCK, FIELDS))
+    for b, block in enumerate(store.table[i].tolist()):
+        if block >= 0:
+            out[b * BLOCK : (b + 1) * BLOCK] = store.pool[block]
+    return out

@@ -1,0 +1,40 @@
+"""Known or found landmarks as CSV: `id,x_m,y_m` and more columns, which are kept for people."""
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from pfcli.errors import LogError, reason
+
+
+def read(path: Path) -> dict[str, tuple[float, float]]:
+    """Landmarks by id. Raises LogError naming the file, the line and the field."""
+    try:
+        rows = list(csv.DictReader(io.StringIO(path.read_text())))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise LogError(f"{path}: cannot be read as landmarks ({reason(error)})") from None
+    found: dict[str, tuple[float, float]] = {}
+    for number, row in enumerate(rows, 2):
+        try:
+            name, x, y = str(row["id"]), float(row["x_m"]), float(row["y_m"])
+        except (KeyError, TypeError, ValueError):
+            raise LogError(f"{path}: line {number}: the fields id, x_m, y_m are needed") from None
+        if not math.isfinite(x + y) or name in found:
+            raise LogError(
+                f"{path}: line {number}: field {'id' if name in found else 'x_m or y_m'} is not usable: {name!r}"
+            )
+        found[name] = (x, y)
+    if not found:
+        raise LogError(f"{path}: holds no landmarks; a first line id,x_m,y_m and one line for each are needed")
+    return found
+
+
+def text(columns: Mapping[str, Sequence[object]]) -> str:
+    """Columns of equal length as CSV."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return out.getvalue()

@@ -1,0 +1,1 @@
+"""FastSLAM with Gaussian distributed resampling: `slam-gdr --landmarks`."""

@@ -1,0 +1,403 @@
+"""FastSLAM on landmarks with Gaussian distributed resampling (zhang2016gdr), and localisation among known landmarks.
+
+One observation: particles move and are pulled by what they see (FastSLAM 2.0), are weighed, landmarks are updated, and offspring
+are dispersed. Every so many observations the particles are drawn anew from all that was driven and seen: FastSLAM forgets what
+it once did not know, for its particles share their past after some resamplings; the least-squares problem does not.
+"""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import estimate, landmark_store
+from pfcli.core.geometry import between
+from pfcli.core.landmark_store import BLOCK, FIELDS, Store
+from pfcli.core.sensor import landmarks as sightings
+from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.errors import LogError
+from pfcli.events import Sighting
+from pfcli.formats import landmark_csv
+from pfcli.registry import System
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.frames import FrameKeeper
+from pfcli.systems.gdr_resampling import ancestors_of, dispersed
+from pfcli.systems.pace import step_noise
+from pfcli.systems.result import Result
+from pfcli.systems.slam_landmarks import smooth
+from pfcli.systems.slam_landmarks.kernels import IGNORED, observe
+from pfcli.systems.slam_landmarks.params import Params
+from pfcli.systems.track import TrackKeeper
+
+_UNKNOWN = -3
+_MODE_M, _MODE_RAD = 5.0, 0.8
+
+
+class Info(NamedTuple):
+    """One observation, as a row of `metrics.parquet`; landmarks: of the best particle; ignored: detections of nothing."""
+
+    t_ns: int
+    n_eff: float
+    resampled: bool
+    unique_ancestors: int
+    rejuvenated: bool
+    log_evidence: float
+    detections: int
+    ignored: int
+    landmarks: int
+    sd_m: float
+    sd_yaw_rad: float
+    way_m: float
+
+
+class Assets(NamedTuple):
+    """places: known landmarks by id, empty in SLAM."""
+
+    places: dict[str, tuple[float, float]]
+
+
+class History(NamedTuple):
+    """All that was driven and seen: steps and their spreads, detections (z, sd), columns that each particle took for them, and
+    its pose after every observation."""
+
+    step: list[NDArray[np.float64]]
+    step_sd: list[NDArray[np.float64]]
+    z: list[NDArray[np.float64]]
+    sd: list[NDArray[np.float64]]
+    column: list[NDArray[np.int32]]
+    pose: list[NDArray[np.float64]]
+
+
+class State(NamedTuple):
+    """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
+    odometry (1, 3) and way and turn at the last observation; since: observations since the particles were drawn anew; what
+    the end needs."""
+
+    pose: NDArray[np.float64]
+    log_w: NDArray[np.float64]
+    store: Store
+    columns: NDArray[np.int64]
+    names: dict[str, int]
+    odometry: NDArray[np.float64]
+    travelled: tuple[float, float]
+    way_m: float
+    since: int
+    started: bool
+    history: History
+    track: TrackKeeper
+    frames: FrameKeeper
+    resamplings: int
+
+
+class _View(NamedTuple):
+    """Detections used: z (m, 2) range and bearing, variances (m, 2), known columns (m,) or _UNKNOWN."""
+
+    z: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    column: NDArray[np.int32]
+
+
+def load(params: Params, job: Any) -> Assets:
+    """Read the known landmarks, if any. Raises LogError for a file that is none."""
+    return Assets(landmark_csv.read(Path(params.landmark_map)) if params.landmark_map else {})
+
+
+def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
+    """All particles where odometry is, with an empty map; or nowhere yet among known landmarks."""
+    n = params.particles
+    store, columns = landmark_store.empty(n), np.zeros(n, np.int64)
+    names: dict[str, int] = {}
+    if assets.places:
+        store, names = _known(assets, n)
+        columns[:] = len(names)
+    return State(
+        np.tile(np.array(first.odometry, float), (n, 1)),
+        np.full(n, -np.log(n)),
+        store,
+        columns,
+        names,
+        np.array([first.odometry]),
+        first.travelled,
+        0.0,
+        0,
+        not assets.places,
+        History([], [], [], [], [], []),
+        TrackKeeper(),
+        FrameKeeper(),
+        0,
+    )
+
+
+def _known(assets: Assets, n: int) -> tuple[Store, dict[str, int]]:
+    """A store in which all particles share the known landmarks."""
+    names = {name: k for k, name in enumerate(assets.places)}
+    marks = np.zeros((1, len(names), FIELDS))
+    marks[0, :, :2] = list(assets.places.values())
+    marks[0, :, 2:] = (1e-8, 0.0, 1e-8, 1.0, 1.0)
+    return landmark_store.choose(_stored(marks, 1, n), np.zeros(n, np.int64)), names
+
+
+def _stored(marks: NDArray[np.float64], rows: int, n: int) -> Store:
+    """A store with the landmarks (rows, l, FIELDS) of its first particles."""
+    store = landmark_store.reserve(landmark_store.empty(n), marks.shape[1])
+    padded = np.zeros((rows, store.table.shape[1] * BLOCK, FIELDS))
+    padded[:, : marks.shape[1]] = marks
+    for i in range(rows):
+        for b in range(store.table.shape[1]):
+            store.top[0] -= 1
+            block = int(store.free[store.top[0]])
+            store.pool[block] = padded[i, b * BLOCK : (b + 1) * BLOCK]
+            store.refs[block], store.table[i, b] = 1, block
+    return store
+
+
+def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
+    """Every observation with a usable detection updates the filter."""
+    state.track.see(sighting)
+    state, view = _view(state, sighting, assets, params)
+    if view.z.shape[0] == 0:
+        return state, None
+    now = np.array([sighting.odometry])
+    if not state.started:
+        pose = _placed(view, assets, params, draw(Purpose.INIT, sighting.stamp_ns))
+        if pose is None:
+            return state._replace(odometry=now), None
+        state = state._replace(pose=pose, started=True, odometry=now)
+    moved = between(state.odometry, now)[0]
+    state = state._replace(odometry=now, way_m=state.way_m + float(np.hypot(moved[0], moved[1])))
+    gone = sighting.travelled[0] - state.travelled[0], sighting.travelled[1] - state.travelled[1]
+    state = state._replace(travelled=sighting.travelled)
+    state, used = _observe(state, view, moved, gone, sighting.stamp_ns, assets, params, draw)
+    return _conclude(state, sighting, view, used, assets, params, draw)
+
+
+def _view(state: State, sighting: Sighting, assets: Assets, params: Params) -> tuple[State, _View]:
+    """Detections within range, each id once in an observation; new ids get a column."""
+    names, rows, seen = dict(state.names), [], set[str]()
+    spread = params.range_sigma_m, math.radians(params.bearing_sigma_deg)
+    for group in sighting.landmarks:
+        for name, r, bearing, sigma in zip(group.ids, group.range_m, group.bearing_rad, group.sigma, strict=True):
+            if not (0.0 < r <= params.landmark_range_m and math.isfinite(bearing)) or (name and name in seen):
+                continue
+            sd = [s if math.isfinite(s) and s > 0.0 else d for s, d in zip(sigma, spread, strict=True)]
+            rows.append((name, r, bearing, sd[0] ** 2, sd[1] ** 2))
+            seen.add(name)
+    known = params.association == "known" or (params.association == "auto" and all(name for name, *_ in rows))
+    if known:
+        rows = [row for row in rows if row[0] and (not assets.places or row[0] in names)]
+        for name, *_ in rows:
+            names.setdefault(name, len(names))
+    numbers = np.array([row[1:] for row in rows], float).reshape(-1, 4)
+    column = np.array([names[row[0]] if known else _UNKNOWN for row in rows], np.int32)
+    return state._replace(names=names), _View(numbers[:, :2].copy(), numbers[:, 2:].copy(), column)
+
+
+def _placed(view: _View, assets: Assets, params: Params, rng: np.random.Generator) -> NDArray[np.float64] | None:
+    """Particles (n, 3) where two or more detections of known landmarks want them; None where they do not tell."""
+    places = np.array(list(assets.places.values()))
+    seen = view.z[:, :1] * np.column_stack([np.cos(view.z[:, 1]), np.sin(view.z[:, 1])])
+    known = view.column >= 0
+    each = [places[c : c + 1] if c >= 0 else places for c in view.column.tolist()]
+    start = np.cumsum([0, *(len(p) for p in each)])
+    sigma = np.sqrt(view.noise[:, 0] + view.z[:, 0] ** 2 * view.noise[:, 1])
+    found = sightings.Detections(seen, np.concatenate(each), start, sigma)
+    if view.z.shape[0] < (2 if known.all() else 3):
+        return None
+    trial = sightings.pair_poses(found, 20_000)
+    if trial.shape[0] == 0:
+        return None
+    fit = sightings.evidence(trial, found, 1.0 - params.false_share, 1e4)
+    mean, hessian = sightings.refine(trial[[int(np.argmax(fit))]], found)
+    return np.asarray(
+        mean[0] + rng.standard_normal((params.particles, 3)) @ np.linalg.cholesky(np.linalg.inv(hessian[0])).T
+    )
+
+
+def _observe(
+    state: State,
+    view: _View,
+    moved: NDArray[np.float64],
+    travelled: tuple[float, float],
+    stamp_ns: int,
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[State, NDArray[np.int32]]:
+    """Move, associate, weigh, update; and write down what was driven and seen."""
+    m = view.z.shape[0]
+    most = max(len(state.names), int(state.columns.max(initial=0)) + m)
+    store = landmark_store.reserve(state.store, most)
+    pose, log_w = state.pose.copy(), state.log_w.copy()
+    way, turn = travelled
+    # what was driven to and fro between two observations is noise as well
+    sd = step_noise(np.array([max(way, float(np.hypot(moved[0], moved[1]))), 0.0, max(turn, abs(moved[2]))]), params)
+    z = draw(Purpose.MOTION, stamp_ns).standard_normal(pose.shape)
+    log_false = math.log(params.false_share / (2.0 * math.pi * params.landmark_range_m))
+    version = 2.0 if params.proposal == "fastslam2" else 1.0
+    options = (version, params.reject_gate, params.augment_gate, log_false, params.spurious_m)
+    columns = np.full(state.columns.size, len(state.names)) if view.column[0] != _UNKNOWN else state.columns
+    used = observe(
+        pose, log_w, moved, sd, view.z, view.noise, view.column, columns, *store, z, options, bool(assets.places)
+    )
+    h = state.history
+    h.step.append(moved)
+    h.step_sd.append(sd)
+    h.z.append(view.z)
+    h.sd.append(np.sqrt(view.noise))
+    h.column.append(used)
+    h.pose.append(pose)
+    return state._replace(pose=pose, log_w=log_w, store=store, columns=columns), used
+
+
+def _conclude(
+    state: State,
+    sighting: Sighting,
+    view: _View,
+    used: NDArray[np.int32],
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[State, Info]:
+    """Report; then draw the particles anew from the whole past, or resample."""
+    weights, log_evidence = normalize(state.log_w)
+    state = state._replace(log_w=state.log_w - log_evidence)
+    found = estimate.whole(state.pose, weights)
+    state.track.update(found.pose, found.cov)
+    best = int(np.argmax(weights))
+    marks = landmark_store.landmarks(state.store, best)
+    n_eff = float(effective_sample_size(weights))
+    state.frames.offer(sighting.stamp_ns, found.pose, state.pose, _points(view))
+    since = state.since + 1
+    fresh = bool(params.rejuvenate_steps and since >= params.rejuvenate_steps)
+    ancestors = np.arange(state.pose.shape[0])
+    resample = not fresh and n_eff < params.resample_threshold * state.pose.shape[0]
+    if fresh:
+        state = _rejuvenate(state, best, assets, params, draw, sighting.stamp_ns)
+    elif resample:
+        ancestors = ancestors_of(weights, params, draw, sighting.stamp_ns)
+        state = _chosen(state, ancestors, weights, params, draw, sighting.stamp_ns)
+    info = Info(
+        t_ns=sighting.stamp_ns,
+        n_eff=n_eff,
+        resampled=bool(resample),
+        unique_ancestors=int(np.unique(ancestors).size),
+        rejuvenated=fresh,
+        log_evidence=log_evidence,
+        detections=view.z.shape[0],
+        ignored=int((used[best] == IGNORED).sum()),
+        landmarks=int((marks[:, 5] > 0).sum()),
+        sd_m=float(np.sqrt(found.cov[0, 0] + found.cov[1, 1])),
+        sd_yaw_rad=float(np.sqrt(found.cov[2, 2])),
+        way_m=state.way_m,
+    )
+    return state._replace(since=0 if fresh else since), info
+
+
+def _points(view: _View) -> NDArray[np.float64]:
+    return np.asarray(view.z[:, :1] * np.column_stack([np.cos(view.z[:, 1]), np.sin(view.z[:, 1])]))
+
+
+def _chosen(
+    state: State, ancestors: NDArray[np.int64], weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int
+) -> State:
+    """Offspring with the landmarks and the past of their parents."""
+    n = ancestors.size
+    h = state.history
+    for k in range(len(h.pose)):
+        h.pose[k], h.column[k] = h.pose[k][ancestors], h.column[k][ancestors]
+    return state._replace(
+        pose=dispersed(state.pose, ancestors, weights, params, draw, stamp_ns),
+        log_w=np.full(n, -np.log(n)),
+        store=landmark_store.choose(state.store, ancestors),
+        columns=state.columns[ancestors],
+        resamplings=state.resamplings + 1,
+    )
+
+
+def _problem(
+    state: State, i: int, assets: Assets
+) -> tuple[smooth.Log, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """What particle i drove and saw, its track (t, 3), its landmarks (l, 2) and their columns (l,)."""
+    h = state.history
+    column = [c[i] for c in h.column]
+    marks = landmark_store.landmarks(state.store, i)
+    alive = np.flatnonzero(marks[:, 5] > 0)
+    at = np.repeat(np.arange(len(h.pose)), [c.size for c in column])
+    of, z, sd = np.concatenate(column), np.concatenate(h.z), np.concatenate(h.sd)
+    good = np.isin(of, alive)
+    log = smooth.Log(
+        np.array(h.step[1:]).reshape(-1, 3),
+        np.array(h.step_sd[1:]).reshape(-1, 3),
+        at[good],
+        np.searchsorted(alive, of[good]),
+        z[good],
+        sd[good],
+    )
+    return log, np.array([p[i] for p in h.pose]), marks[alive, :2].copy(), alive
+
+
+def _rejuvenate(state: State, best: int, assets: Assets, params: Params, draw: Draw, stamp_ns: int) -> State:
+    """Particles drawn from the posterior of the whole track, each with the landmarks that belong to its track."""
+    n = params.particles
+    log, track, marks, alive = _problem(state, best, assets)
+    fixed = bool(assets.places)
+    found = smooth.solve(log, track, marks, fixed=fixed, draws=n, rng=draw(Purpose.PROPOSAL, stamp_ns))
+    h = state.history
+    for k in range(len(h.pose)):
+        h.pose[k] = np.ascontiguousarray(found.draws[:, k])
+        h.column[k] = np.repeat(h.column[k][best][None], n, axis=0)
+    store = state.store
+    if not fixed:
+        given = np.empty((n, marks.shape[0], FIELDS))
+        smooth.given_tracks(found.draws, found.marks, log.at, log.of, log.z, log.sd, given)
+        full = np.zeros((n, int(alive.max()) + 1, FIELDS))
+        full[:, alive] = given
+        store = _stored(full, n, n)
+    columns = np.full(n, state.columns[best])
+    return state._replace(pose=h.pose[-1].copy(), log_w=np.full(n, -np.log(n)), store=store, columns=columns)
+
+
+def finish(state: State, assets: Assets, params: Params) -> Result:
+    """Track and landmarks of the end, or what is most probable afterwards."""
+    if not state.history.pose:
+        raise LogError("no observation tells where the robot is among the known landmarks; two at once are needed")
+    best = int(np.argmax(state.log_w))
+    marks = landmark_store.landmarks(state.store, best)
+    log, track, places, alive = _problem(state, best, assets)
+    if params.smooth:
+        found = smooth.solve(log, track, places, fixed=bool(assets.places))
+        given = np.empty((1, places.shape[0], FIELDS))
+        smooth.given_tracks(found.track[None], found.marks, log.at, log.of, log.z, log.sd, given)
+        if not assets.places:
+            marks[alive] = given[0]
+        state.track.replace(found.track)
+    rows = marks[alive]
+    by_column = {column: name for name, column in state.names.items()}
+    table: dict[str, Any] = {"id": [by_column.get(k, str(k)) for k in alive.tolist()]}
+    table |= dict(zip(("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), rows[:, :5].T, strict=True))
+    table["sightings"] = np.bincount(log.of, minlength=alive.size)
+    summary = {
+        "updates": state.track.updates,
+        "landmarks": int(alive.size),
+        "resamplings": state.resamplings,
+        "particles": params.particles,
+        "smoothed": params.smooth,
+    }
+    text = {k: [round(float(v), 4) if k.endswith("_m") else v for v in values] for k, values in table.items()}
+    texts = {"landmarks.csv": landmark_csv.text(text)}
+    return Result(state.track.track({}), None, state.frames.frames(), summary, tables={"landmarks": table}, texts=texts)
+
+
+SYSTEM = System(
+    name="slam-gdr-landmarks",
+    params=Params,
+    info=Info,
+    needs=(frozenset({"motion", "landmarks"}),),
+    load=load,
+    init=init,
+    step=step,
+    finish=finish,
+    readings="frames",
+)

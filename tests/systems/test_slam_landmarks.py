@@ -1,0 +1,177 @@
+"""slam-gdr --landmarks: tracks and landmarks of a simulated car, the smoother against its optimum, and known landmarks."""
+
+import json
+import math
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfcli import run
+from pfcli.core.geometry import between, compose
+from pfcli.errors import LogError
+from pfcli.formats import landmark_csv, landmarklogs
+from pfcli.registry import system
+from pfcli.simulate import landmarks as simulated
+from pfcli.systems.slam_landmarks import smooth
+from pfcli.systems.slam_landmarks.params import Params
+
+SLAM = system("slam-gdr-landmarks")
+WORLD = simulated.SCENARIOS["landmarks-sample"]._replace(laps=1)
+NOISE: dict[str, Any] = {
+    "motion_xy_per_m": 0.035,
+    "motion_xy_m": 0.002,
+    "motion_yaw_per_m_rad": 0.005,
+    "motion_yaw_rad": 0.001,
+}
+Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("landmarks") / "log.mcap"
+    simulated.write(WORLD, 3, path)
+    simulated.write_map(WORLD, path.parent, "log")
+    return path
+
+
+def played(log: Path, seed: int = 0, **given: Any) -> run.Run:
+    return run.execute(run.Job(SLAM, Params(**NOISE, **given), [log], seed, truth="auto"))
+
+
+def off(ran: run.Run) -> float:
+    """RMSE of the positions without alignment: the start is known."""
+    truth = [now.truth for now in simulated.play(WORLD, 3) if now.seen is not None and now.seen.size]
+    return float(np.sqrt(np.mean(np.square(ran.result.track.poses[:, :2] - np.array(truth)[:, :2]).sum(axis=1))))
+
+
+@pytest.mark.parametrize("given", [{}, {"rejuvenate_steps": 0}, {"association": "unknown"}, {"proposal": "fastslam1"}])
+def test_a_lap_is_tracked_and_all_landmarks_in_range_are_found(log: Path, given: dict[str, Any]) -> None:
+    ran = played(log, **given)
+    seen = {int(i) for now in simulated.play(WORLD, 3) if now.seen is not None for i in now.seen.tolist()}
+    assert off(ran) < 1.0
+    assert abs(ran.result.summary["landmarks"] - len(seen)) <= (4 if given.get("association") == "unknown" else 0)
+
+
+def test_the_smoothed_track_is_better_and_known_landmarks_are_better_still(log: Path) -> None:
+    rough, smoothed = off(played(log, rejuvenate_steps=0)), off(played(log, smooth=True))
+    known = played(log, landmark_map=str(log.with_name("log-landmarks.csv")))
+    assert smoothed < max(0.25, 0.8 * rough)
+    assert known.errors is not None
+    assert np.sqrt(np.mean(known.errors.position_m**2)) < 0.1
+
+
+def test_landmarks_are_where_they_are_within_what_their_covariance_allows(log: Path) -> None:
+    """Known poses would give each landmark to a centimetre; the drive's own error comes on top: three sigma and 0.5 m."""
+    table = played(log, smooth=True).result.tables["landmarks"]
+    marks, _ = simulated.places(WORLD)
+    d = np.hypot(
+        table["x_m"] - marks[[int(i) for i in table["id"]], 0], table["y_m"] - marks[[int(i) for i in table["id"]], 1]
+    )
+    sigma = np.sqrt(table["cov_xx_m2"] + table["cov_yy_m2"])
+    assert (d < 3 * sigma + 0.5).all()
+    assert np.median(d) < 0.25
+
+
+def problem(seed: int) -> tuple[smooth.Log, np.ndarray, np.ndarray]:
+    """Ten poses and three landmarks, measured with noise."""
+    rng = np.random.default_rng(seed)
+    marks = np.array([[3.0, 2.0], [5.0, -2.0], [8.0, 3.0]])
+    track = [np.zeros(3)]
+    for _ in range(9):
+        track.append(compose(track[-1][None], np.array([[0.7, 0.0, 0.1]]))[0])
+    true = np.array(track)
+    step = between(true[:-1], true[1:]) + rng.normal(0, (0.05, 0.05, 0.02), (9, 3))
+    at, of = np.repeat(np.arange(10), 3), np.tile(np.arange(3), 10)
+    d = marks[of] - true[at, :2]
+    z = np.column_stack([np.hypot(*d.T), np.arctan2(d[:, 1], d[:, 0]) - true[at, 2]]) + rng.normal(
+        0, (0.05, 0.01), (30, 2)
+    )
+    z[:, 1] = np.remainder(z[:, 1] + np.pi, 2 * np.pi) - np.pi
+    return smooth.Log(step, np.tile([0.05, 0.05, 0.02], (9, 1)), at, of, z, np.tile([0.05, 0.01], (30, 1))), true, marks
+
+
+def test_the_smoother_finds_the_optimum_of_a_general_solver() -> None:
+    from scipy.optimize import minimize
+
+    log, true, marks = problem(0)
+    found = smooth.solve(log, true, marks)
+
+    def cost(p: np.ndarray) -> float:
+        track = np.vstack([true[:1], p[:27].reshape(9, 3)])
+        return smooth._cost(track, p[27:].reshape(3, 2), log)
+
+    start = np.concatenate([true[1:].ravel(), marks.ravel()])
+    best = minimize(cost, start, method="L-BFGS-B", options={"maxiter": 2000, "maxfun": 200_000}).fun
+    assert found.cost <= best + 1e-2
+
+
+def test_draws_of_the_track_have_the_spread_of_its_errors() -> None:
+    """The last pose of many problems: its normalised squared error averages 3 (the robust cost and curvature allow 2-4.5)."""
+    squares = []
+    for seed in range(60):
+        log, true, marks = problem(seed)
+        found = smooth.solve(log, true, marks, draws=200, rng=np.random.default_rng(seed))
+        cov = np.cov(found.draws[:, -1].T)
+        e = found.track[-1] - true[-1]
+        squares.append(e @ np.linalg.solve(cov, e))
+    assert 2.0 < np.mean(squares) < 4.5
+
+
+def test_the_command_writes_landmarks_and_names_flags_of_the_other_half(pfcli: Cli, log: Path, tmp_path: Path) -> None:
+    done = pfcli("slam-gdr", log, "--landmarks", "--out", tmp_path / "a", "--end", 10, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["landmarks"] > 3
+    assert landmark_csv.read(tmp_path / "a/landmarks.csv")
+    wrong = pfcli("slam-gdr", log, "--landmarks", "--resolution-m", 0.1, "--out", tmp_path / "b")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert "--resolution-m goes without --landmarks" in wrong.stderr
+    wrong = pfcli("slam-gdr", log, "--association", "known", "--out", tmp_path / "b")
+    assert "--association goes with --landmarks" in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a,b\n1,2\n", "id,x_m,y_m\n1,2,x\n", "id,x_m,y_m\n1,2,3\n1,2,3\n", "id,x_m,y_m\n1,nan,3\n"]
+)
+def test_a_landmark_map_that_is_none_is_one_line(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text(text)
+    with pytest.raises(LogError, match=r"map\.csv") as caught:
+        landmark_csv.read(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_mrclam_maps_barcodes_and_leaves_robots_and_unknown_codes_out(tmp_path: Path) -> None:
+    files = {
+        "Barcodes.dat": "# c\n1 5\n6 63\n",
+        "Landmark_Groundtruth.dat": "6 1.5 -2.0 0 0\n",
+        "Robot1_Odometry.dat": "10.0 0.1 0.2\n10.1 0.1 0.2\n",
+        "Robot1_Groundtruth.dat": "10.0 1 2 0.5\n",
+        "Robot1_Measurement.dat": "10.05 63 2.0 0.1\n10.05 5 2.0 0.1\n10.05 99 2.0 0.1\nx y\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    reader = landmarklogs.reader_of(tmp_path / "Robot1_Measurement.dat")
+    assert reader is not None
+    found = reader(tmp_path / "Robot1_Measurement.dat")
+    seen = [e for e in found.events if isinstance(e, landmarklogs.Landmarks)]
+    assert [e.ids for e in seen] == [("6",)]
+    assert (found.robots, found.unknown, found.broken) == (1, 1, 1)
+    assert found.places == {"6": (1.5, -2.0)}
+    (tmp_path / "Barcodes.dat").unlink()
+    with pytest.raises(LogError, match=r"Barcodes\.dat"):
+        reader(tmp_path / "Robot1_Measurement.dat")
+
+
+def test_the_lectures_world_is_read_as_odometry_and_detections(tmp_path: Path) -> None:
+    (tmp_path / "world.dat").write_text("1 2 1\n")
+    (tmp_path / "sensor_data.dat").write_text(
+        "ODOMETRY 0 1 0\nSENSOR 1 1.4 0.7\nODOMETRY 1.5707963 1 0\nSENSOR 1 1 0\n"
+    )
+    found = landmarklogs.stachniss(tmp_path / "sensor_data.dat")
+    last = [e for e in found.events if isinstance(e, landmarklogs.Odometry)][-1]
+    assert (last.x_m, last.y_m) == pytest.approx((1.0, 1.0), abs=1e-6)
+    assert last.yaw_rad == pytest.approx(math.pi / 2, abs=1e-6)
