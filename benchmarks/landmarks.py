@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from pfcli import run
-from pfcli.events import Landmarks, Odometry, Sighting, Twist
+from pfcli.events import Landmarks, Sighting
 from pfcli.formats import landmark_csv, landmarklogs
 from pfcli.formats.log_writer import LogWriter
 from pfcli.registry import system
@@ -83,15 +83,9 @@ def _mcap(source: Path, folder: Path) -> tuple[Path, Path]:
     found, target = landmarklogs.mrclam(source), folder / f"{source.stem}.mcap"
     with LogWriter(target) as out:
         for event in found.events:
-            if isinstance(event, Twist):
-                out.twist(event)
-            elif isinstance(event, Landmarks):
-                out.landmarks(event)
-            elif not isinstance(event, Odometry):
-                out.pose(event.stamp_ns, event[1:4])
-    x, y = zip(*found.places.values(), strict=True)
+            out.event(event)
     marks = target.with_suffix(".csv")
-    marks.write_text(landmark_csv.text({"id": list(found.places), "x_m": x, "y_m": y}))
+    landmark_csv.write(marks, found.places)
     return target, marks
 
 

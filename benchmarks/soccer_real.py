@@ -129,10 +129,7 @@ def _mcap(source: Path, folder: Path) -> Log:
     target = folder / f"{source.stem}.mcap"
     with LogWriter(target) as out:
         for event in ticklogs.optiodom(source).events:
-            if isinstance(event, Ticks):
-                out.ticks(event)
-            elif isinstance(event, Truth):
-                out.pose(event.stamp_ns, event[1:4])
+            out.event(event)
     return Log(target)
 
 

@@ -68,7 +68,7 @@ def convert(
         raise LogError(f"{source}: no such file")
     marks = landmarklogs.reader_of(source)
     if marks is not None:
-        return _landmarks(marks(source), target, compression, as_json)
+        return _landmarks(marks(source), target, compression, force, as_json)
     reader = ticklogs.reader_of(source)
     if reader is not None:
         return _ticks(reader(source), target, (range_scale, range_max), compression, as_json)
@@ -106,37 +106,26 @@ def _ticks(log: "TickLog", target: Path, ranges: tuple[float, float | None], com
         if scans:
             out.tf_static(log.events[0].stamp_ns, [("base_link", "laser", log.mount)])
         for event in log.events:
-            if isinstance(event, Ticks):
-                out.ticks(event)
-            elif isinstance(event, Scan):
-                out.scan(_scaled(event, ranges))
-            else:
-                out.pose(event.stamp_ns, event[1:4])
+            out.event(_scaled(event, ranges) if isinstance(event, Scan) else event)
     ticks = sum(isinstance(event, Ticks) for event in log.events)
     found = {"out": str(target), "ticks": ticks, "scans": scans, "unreadable_lines": log.broken, "hint": log.hint}
     emit(found, [f"{target}: {ticks} encoder readings, {scans} scans; {log.hint}"], as_json)
     return lost({"unreadable line": log.broken} if log.broken else {}, [])
 
 
-def _landmarks(log: "LandmarkLog", target: Path, compression: str, as_json: bool) -> int:
+def _landmarks(log: "LandmarkLog", target: Path, compression: str, force: bool, as_json: bool) -> int:
     from pfcli.commands.show import emit, lost
-    from pfcli.events import Landmarks, Odometry, Twist
+    from pfcli.events import Landmarks
     from pfcli.formats import landmark_csv
     from pfcli.formats.log_writer import LogWriter
 
+    csv = target.with_name(f"{target.stem}-landmarks.csv")
+    if csv.exists() and not force:
+        raise UsageError(f"{csv}: exists; say --force to replace it")
     with LogWriter(target, compression) as out:
         for event in log.events:
-            if isinstance(event, Twist):
-                out.twist(event)
-            elif isinstance(event, Landmarks):
-                out.landmarks(event)
-            elif isinstance(event, Odometry):
-                out.odometry(event)
-            else:
-                out.pose(event.stamp_ns, event[1:4])
-    csv = target.with_name(f"{target.stem}-landmarks.csv")
-    x, y = zip(*log.places.values(), strict=True)
-    csv.write_text(landmark_csv.text({"id": list(log.places), "x_m": x, "y_m": y}))
+            out.event(event)
+    landmark_csv.write(csv, log.places)
     seen = sum(len(event.ids) for event in log.events if isinstance(event, Landmarks))
     found = {"out": str(target), "landmarks": str(csv), "detections": seen, "robots": log.robots}
     found |= {"unknown_codes": log.unknown, "unreadable_lines": log.broken}
@@ -147,21 +136,13 @@ def _landmarks(log: "LandmarkLog", target: Path, compression: str, as_json: bool
 
 def _frame(frame: "Frame", target: Path, compression: str, as_json: bool) -> int:
     from pfcli.commands.show import emit
-    from pfcli.events import Heading, LinePoints, Odometry
+    from pfcli.events import LinePoints
     from pfcli.formats.log_writer import LogWriter
 
-    points = 0
+    points = next(event.points_m.shape[0] for event in frame.events if isinstance(event, LinePoints))
     with LogWriter(target, compression) as out:
         for event in frame.events:
-            if isinstance(event, LinePoints):
-                out.line_points(event)
-                points = event.points_m.shape[0]
-            elif isinstance(event, Heading):
-                out.heading(event)
-            elif isinstance(event, Odometry):
-                out.odometry(event)
-            else:
-                out.pose(event.stamp_ns, event[1:4])
+            out.event(event)
     emit({"out": str(target), "points": points}, [f"{target}: one frame of {points} line points"], as_json)
     return 0
 

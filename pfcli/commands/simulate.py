@@ -28,30 +28,22 @@ def simulate(
 
     `pfcli simulate list -` prints the names. Example: pfcli simulate office office.mcap --seed 3
     """
-    from pfcli.simulate import landmarks, soccer
-    from pfcli.simulate import scenario as scenarios
+    from pfcli.simulate import library
 
     if scenario == "list":
-        for s in scenarios.SCENARIOS.values():
-            click.echo(
-                f"{s.name:<18} world {s.world}, robot {s.robot}, laser {s.laser}"
-                + (f", {s.people} people" if s.people else "")
-            )
-        for world in landmarks.SCENARIOS.values():
-            click.echo(f"{world.name:<18} {world.landmarks} landmarks on {world.width_m:g} x {world.height_m:g} m")
-        for match in soccer.SCENARIOS.values():
-            click.echo(f"{match.name:<18} field {match.field}, {match.route}, {match.points} points a frame")
+        for name, known in library.all_scenarios().items():
+            click.echo(f"{name:<18} {library.described(known)}")
         return
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")
     from pfcli.commands.show import emit
 
-    found = scenarios.load(scenario)
-    counts = scenarios.write(found, seed, target)
+    found = library.load(scenario)
+    counts = library.write(found, seed, target)
     if true_map:
-        scenarios.write_map(found, target.parent, target.stem)
+        library.write_map(found, target.parent, target.stem)
     if partial_map:
-        scenarios.write_partial_map(found, target.parent, f"{target.stem}-partial")
+        library.write_partial_map(found, target.parent, f"{target.stem}-partial")
     what = "frames" if "frames" in counts else "scans"
     line = f"{target}: {counts[what]} {what}, {counts['way_m']:.1f} m in {counts['span_s']:.0f} s"
     emit({"out": str(target), "scenario": found.name, "seed": seed, **counts}, [line], as_json)

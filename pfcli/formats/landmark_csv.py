@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError, OutputError, reason
 
 
 def read(path: Path) -> dict[str, tuple[float, float]]:
@@ -29,6 +29,21 @@ def read(path: Path) -> dict[str, tuple[float, float]]:
     if not found:
         raise LogError(f"{path}: holds no landmarks; a first line id,x_m,y_m and one line for each are needed")
     return found
+
+
+def write(path: Path, places: Mapping[str, tuple[float, float]]) -> None:
+    """Landmarks by id as CSV, in one rename. Raises OutputError where the file cannot be written."""
+    partial = path.with_name(f".{path.name}.part")
+    rows: dict[str, Sequence[object]] = {
+        "id": list(places),
+        "x_m": [x for x, _ in places.values()],
+        "y_m": [y for _, y in places.values()],
+    }
+    try:
+        partial.write_text(text(rows))
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({reason(error)})") from None
 
 
 def text(columns: Mapping[str, Sequence[object]]) -> str:

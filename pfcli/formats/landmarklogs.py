@@ -140,4 +140,6 @@ def stachniss(source: Path) -> LandmarkLog:
 def _checked(source: Path, log: LandmarkLog) -> LandmarkLog:
     if not any(isinstance(event, Landmarks) for event in log.events):
         raise LogError(f"{source}: holds no detection of a landmark")
+    if not log.places:
+        raise LogError(f"{source}: the list of landmarks beside it holds none")
     return log

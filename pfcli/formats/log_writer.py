@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from pfcli.errors import OutputError, reason
-from pfcli.events import Heading, Landmarks, LinePoints, Odometry, Pose2, Scan, Ticks, Twist
+from pfcli.events import Heading, Landmarks, LinePoints, Odometry, Pose2, Scan, Ticks, Truth, Twist
 from pfcli.formats.schemas import json_schema, ros2msg, typestore
 
 _HEAD = b"\x00\x01\x00\x00"
@@ -78,6 +78,25 @@ class LogWriter:
         """Append a `pfcli.*` message."""
         text = json.dumps({"stamp_ns": stamp_ns, **fields}, allow_nan=False)
         self.raw(topic, schema, stamp_ns, text.encode())
+
+    def event(self, event: Odometry | Twist | Ticks | Heading | Scan | LinePoints | Landmarks | Truth) -> None:
+        """Append an event as the message that holds it, on its usual topic."""
+        if isinstance(event, Truth):
+            self.pose(event.stamp_ns, event[1:4])
+        elif isinstance(event, Odometry):
+            self.odometry(event)
+        elif isinstance(event, Twist):
+            self.twist(event)
+        elif isinstance(event, Ticks):
+            self.ticks(event)
+        elif isinstance(event, Heading):
+            self.heading(event)
+        elif isinstance(event, Scan):
+            self.scan(event)
+        elif isinstance(event, LinePoints):
+            self.line_points(event)
+        else:
+            self.landmarks(event)
 
     def odometry(self, o: Odometry, topic: str = "/odom") -> None:
         """Append nav_msgs/Odometry (odom -> base_link)."""

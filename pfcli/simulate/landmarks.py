@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError, UsageError, reason
 from pfcli.events import Landmarks, Odometry
 from pfcli.formats import landmark_csv
 from pfcli.formats.log_writer import LogWriter
@@ -54,6 +54,18 @@ SCENARIOS = {
         LandmarkWorld("landmarks-sample", 25, 70.0, 50.0, laps=2, range_m=20.0),
     )
 }
+
+
+def check(world: LandmarkWorld, where: object) -> None:
+    """Raise UsageError for a world that nobody can drive in."""
+    for name in ("landmarks", "width_m", "height_m", "laps", "range_m", "speed_mps"):
+        if not 0 < getattr(world, name) <= 1e5:
+            raise UsageError(f"{where}: field {name!r} must lie between 0 and 100000")
+
+
+def described(world: LandmarkWorld) -> str:
+    """What `simulate list` says of it."""
+    return f"{world.landmarks} landmarks on {world.width_m:g} x {world.height_m:g} m"
 
 
 def read(path: Path) -> LandmarkWorld:
@@ -164,7 +176,5 @@ def _put_odometry(log: LogWriter, stamp_ns: int, pose: NDArray[np.float64]) -> N
 def write_map(world: LandmarkWorld, folder: Path, name: str) -> None:
     """Write the true landmarks beside the log, as `--landmark-map` reads them."""
     marks, _ = places(world)
-    text = landmark_csv.text(
-        {"id": range(len(marks)), "x_m": marks[:, 0].round(4).tolist(), "y_m": marks[:, 1].round(4).tolist()}
-    )
-    (folder / f"{name}-landmarks.csv").write_text(text)
+    known = {str(k): (round(float(x), 4), round(float(y), 4)) for k, (x, y) in enumerate(marks)}
+    landmark_csv.write(folder / f"{name}-landmarks.csv", known)

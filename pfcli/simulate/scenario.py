@@ -1,24 +1,20 @@
 """A scenario: world, robot, scanner and crowd, from a TOML file or by name, written as a log with truth."""
 
 import math
-import tomllib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.errors import LogError, UsageError, reason
+from pfcli.errors import UsageError
 from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.rng import Purpose, rng_for
-from pfcli.simulate import landmarks, soccer
-from pfcli.simulate.landmarks import LandmarkWorld
 from pfcli.simulate.laser import LASERS, Laser, cast
 from pfcli.simulate.robot import ROBOTS, STEP_S, WheelOdometry, drive
-from pfcli.simulate.soccer import Soccer
 from pfcli.simulate.world import WORLDS, World, known_part, rasterize
 
 WHEEL_RADIUS_M, TICKS_PER_TURN = 0.1, 2000
@@ -113,43 +109,17 @@ SCENARIOS = {
 }
 
 
-def load(text: str) -> Scenario | Soccer | LandmarkWorld:
-    """A scenario by name, from a TOML file with the fields of `Scenario` or of `Soccer`, or from a JSON world of landmarks."""
-    if text in SCENARIOS:
-        return SCENARIOS[text]
-    if text in soccer.SCENARIOS:
-        return soccer.SCENARIOS[text]
-    if text in landmarks.SCENARIOS:
-        return landmarks.SCENARIOS[text]
-    path = Path(text)
-    if path.suffix == ".json":
-        return landmarks.read(path)
-    if path.suffix != ".toml":
-        names = ", ".join([*SCENARIOS, *soccer.SCENARIOS, *landmarks.SCENARIOS])
-        raise UsageError(f"no scenario {text!r}; there are {names}, or name a .toml or .json file")
-    try:
-        fields = tomllib.loads(path.read_text())
-        kind: type[Scenario] | type[Soccer] = (
-            Soccer if set(fields) & (set(Soccer._fields) - set(Scenario._fields)) else Scenario
-        )
-        known = {k: type(v) for k, v in kind("x")._asdict().items()}
-        for key, value in fields.items():
-            if key not in known or not isinstance(value, (int, float) if known[key] is float else known[key]):
-                raise UsageError(f"{path}: field {key!r} is unknown or of the wrong type; known: {', '.join(known)}")
-            if isinstance(value, int | float) and not (0 <= value < math.inf or key == "compass_bias_deg"):
-                raise UsageError(f"{path}: field {key!r} is {value}: a number that is not negative is needed")
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise LogError(f"{path}: cannot be read as a scenario ({reason(error)})") from None
-    found = kind(**{"name": path.stem} | fields)
-    if isinstance(found, Soccer):
-        soccer.check(found, path)
-        choices: tuple[tuple[str, Collection[str]], ...] = ((found.route, soccer.ROUTES),)
-    else:
-        choices = ((found.world, WORLDS), (found.robot, ROBOTS), (found.laser, LASERS))
-    for value, table in choices:
+def check(scenario: Scenario, where: object) -> None:
+    """Raise UsageError for a scenario that names what there is not."""
+    for value, table in ((scenario.world, WORLDS), (scenario.robot, ROBOTS), (scenario.laser, LASERS)):
         if value not in table:
-            raise UsageError(f"{path}: {value!r} is none of {', '.join(table)}")
-    return found
+            raise UsageError(f"{where}: {value!r} is none of {', '.join(table)}")
+
+
+def described(scenario: Scenario) -> str:
+    """What `simulate list` says of it."""
+    people = f", {scenario.people} people" if scenario.people else ""
+    return f"world {scenario.world}, robot {scenario.robot}, laser {scenario.laser}{people}"
 
 
 class Reading(NamedTuple):
@@ -263,12 +233,8 @@ class _Crowd:
             self.discs[k, 2] = 0.25
 
 
-def write(scenario: Scenario | Soccer | LandmarkWorld, seed: int, path: Path) -> dict[str, float]:
+def write(scenario: Scenario, seed: int, path: Path) -> dict[str, float]:
     """Write the log (uncompressed chunks, truth on /ground_truth); returns counts."""
-    if isinstance(scenario, Soccer):
-        return soccer.write(scenario, seed, path)
-    if isinstance(scenario, LandmarkWorld):
-        return landmarks.write(scenario, seed, path)
     laser = _laser(scenario)
     every = max(1, round(1.0 / (scenario.odometry_hz * STEP_S)))
     put = _put_json if scenario.encoding == "json" else _put_ros2
@@ -324,20 +290,12 @@ def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool
             log.json(f"/range/{name}", "pfcli.Range", reading.stamp_ns, **value, **limits)
 
 
-def write_map(scenario: Scenario | Soccer | LandmarkWorld, folder: Path, name: str) -> None:
+def write_map(scenario: Scenario, folder: Path, name: str) -> None:
     """Write the true map beside the log."""
-    if isinstance(scenario, Soccer):
-        soccer.write_field(scenario, folder, name)
-        return
-    if isinstance(scenario, LandmarkWorld):
-        landmarks.write_map(scenario, folder, name)
-        return
     map_yaml.write(folder, rasterize(WORLDS[scenario.world](scenario.world_seed), 0.05), name)
 
 
-def write_partial_map(scenario: Scenario | Soccer | LandmarkWorld, folder: Path, name: str) -> None:
+def write_partial_map(scenario: Scenario, folder: Path, name: str) -> None:
     """Write the map that the robot has been given: what it could reach, and of that the western share."""
-    if not isinstance(scenario, Scenario):
-        raise UsageError("--partial-map: only worlds of walls have partial maps")
     world = WORLDS[scenario.world](scenario.world_seed)
     map_yaml.write(folder, known_part(rasterize(world, 0.05), world, scenario.known_share), name)

@@ -103,6 +103,8 @@ SCENARIOS = {
 
 def check(scenario: Soccer, where: object) -> None:
     """Raise UsageError for a match that cannot be played."""
+    if scenario.route not in ROUTES:
+        raise UsageError(f"{where}: {scenario.route!r} is none of {', '.join(ROUTES)}")
     step_s = 1.0 / (max(scenario.frame_hz, 1e-9) * _ENCODERS_PER_FRAME)
     for name in ("speed_mps", "frame_hz", "range_scale"):
         if not 0.0 < getattr(scenario, name) <= 1000.0:
@@ -112,6 +114,11 @@ def check(scenario: Soccer, where: object) -> None:
             raise UsageError(f"{where}: field {name!r} is shorter than a step of {step_s:.3f} s")
     if scenario.false_share > 1.0:
         raise UsageError(f"{where}: field 'false_share' must lie between 0 and 1")
+
+
+def described(scenario: Soccer) -> str:
+    """What `simulate list` says of it."""
+    return f"field {scenario.field}, {scenario.route}, {scenario.points} points a frame"
 
 
 class Instant(NamedTuple):
@@ -295,6 +302,6 @@ def _put(log: LogWriter, now: Instant) -> None:
         log.json("/landmarks", "pfcli.Landmarks", now.stamp_ns, landmarks=rows)
 
 
-def write_field(scenario: Soccer, folder: Path, name: str) -> None:
+def write_map(scenario: Soccer, folder: Path, name: str) -> None:
     """Write the field as a map beside the log."""
     map_yaml.write(folder, field_yaml.drawn(field_yaml.read(scenario.field)), name)

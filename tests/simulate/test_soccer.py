@@ -11,7 +11,7 @@ from pfcli.core.motion import wheels
 from pfcli.core.sensor.field_lines import nearest_line
 from pfcli.errors import UsageError
 from pfcli.formats import field_yaml
-from pfcli.simulate import scenario, soccer
+from pfcli.simulate import library, soccer
 
 
 def test_points_and_odometry_have_the_papers_noise() -> None:
@@ -64,9 +64,9 @@ def test_robots_hide_lines_and_slips_and_collisions_are_unseen_by_the_right_sens
 def test_a_match_comes_from_a_toml_file_with_its_fields(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('route = "route-2"\npoints = 7\n')
-    found = scenario.load(str(path))
+    found = library.load(str(path))
     assert isinstance(found, soccer.Soccer)
     assert (found.name, found.points) == ("mine", 7)
     path.write_text('route = "nowhere"\n')
     with pytest.raises(UsageError, match="route-1"):
-        scenario.load(str(path))
+        library.load(str(path))
