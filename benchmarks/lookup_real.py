@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import worlds
 
-from pfcli import align, run
+from pfcli import run
 from pfcli.core.geometry import compose
+from pfcli.dead_reckoning import Drive
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.params import build
@@ -57,7 +58,7 @@ def job(
     name: str, log: Path, params: dict[str, Any], seed: int, wheels: tuple[float, float] | None, **more: Any
 ) -> run.Run:
     found = system(name)
-    drive = align.Drive(radius_m=(wheels[0],), track_m=wheels[1]) if wheels else align.Drive()
+    drive = Drive(radius_m=(wheels[0],), track_m=wheels[1]) if wheels else Drive()
     return run.execute(run.Job(found, build(found.params, params, "b"), [log], seed, drive=drive, **more))
 
 

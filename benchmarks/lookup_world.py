@@ -20,18 +20,20 @@ from pfcli import align, run
 from pfcli.core.geometry import compose
 from pfcli.core.grid import raycast
 from pfcli.core.weights import normalize
+from pfcli.dead_reckoning import Drive
 from pfcli.events import Sounding, Sweep
 from pfcli.initial import Initial
+from pfcli.loss import Loss
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Log, Loss
+from pfcli.replay import Log
 from pfcli.report.metrics import wrap
 from pfcli.rng import Draw
 from pfcli.simulate.scenario import WHEEL_RADIUS_M
 from pfcli.systems.localize_lookup.beams import beams_of
 
 LOOKUP = system("localize-lookup")
-DRIVE = align.Drive(radius_m=(WHEEL_RADIUS_M,), track_m=0.33)
+DRIVE = Drive(radius_m=(WHEEL_RADIUS_M,), track_m=0.33)
 FILTERS: dict[str, dict[str, Any]] = {
     "corrected": {"start_density_per_m2": 0.0},
     "paper": {"variant": "paper"},

@@ -15,8 +15,10 @@ from pfcli.core.geometry import between, compose
 from pfcli.core.grid.scan_points import points_of
 from pfcli.core.resample import systematic
 from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.dead_reckoning import Drive
 from pfcli.formats import map_yaml
-from pfcli.replay import Log, Loss
+from pfcli.loss import Loss
+from pfcli.replay import Log
 
 SIGMA_M, Z_RAND, BEAMS = 0.1, 0.05, 60
 
@@ -61,7 +63,7 @@ def main(map_file: str, log_file: str, particles: str = "2000", seed: str = "0")
     log = Log(Path(log_file))
     truth = {e.stamp_ns: np.array(e[1:4]) for e in Log(Path(log_file)).events(["truth"])}
     mcl, last, errors = None, None, []
-    for sweep in align.sweeps(log.events(["odometry", "scan"]), "odometry", align.Drive(), Loss()):
+    for sweep in align.sweeps(log.events(["odometry", "scan"]), "odometry", Drive(), Loss()):
         if sweep.stamp_ns not in truth:
             continue
         now = np.array([sweep.odometry])

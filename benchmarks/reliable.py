@@ -18,11 +18,13 @@ from scipy.stats import rankdata
 
 from pfcli import align, run
 from pfcli.core.sensor import class_conditional
+from pfcli.dead_reckoning import Drive
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
+from pfcli.loss import Loss
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Log, Loss
+from pfcli.replay import Log
 from pfcli.report.metrics import wrap
 from pfcli.simulate import scenario as scenarios
 from pfcli.systems.localize_reliable import assets
@@ -118,7 +120,7 @@ def classes(log: Path, judged: Judged) -> np.ndarray:
     field = class_conditional.build(grid.cells, grid.resolution_m, grid.origin)
     counts = np.zeros(3)
     index = {int(t): k for k, t in enumerate(judged.stamps)}
-    for sweep in align.sweeps(Log(log).events(["odometry", "scan"]), "odometry", align.Drive(), Loss()):
+    for sweep in align.sweeps(Log(log).events(["odometry", "scan"]), "odometry", Drive(), Loss()):
         k = index.get(sweep.stamp_ns)
         if k is None or not judged.good[k]:
             continue

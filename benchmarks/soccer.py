@@ -21,11 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from pfcli import align, run
+from pfcli import run
 from pfcli.core.geometry import compose
 from pfcli.core.sensor import field_lines
 from pfcli.core.threads import set_threads
 from pfcli.core.weights import normalize
+from pfcli.dead_reckoning import Drive
 from pfcli.events import Heading, Sighting
 from pfcli.initial import Initial
 from pfcli.registry import system
@@ -36,7 +37,7 @@ from pfcli.systems.fuse_soccer.params import Params
 from pfcli.systems.fuse_soccer.weigh import of_lines
 
 FUSE = system("fuse-soccer")
-DRIVE = align.Drive(
+DRIVE = Drive(
     "omni",
     soccer.JOINTS,
     (soccer.WHEEL_RADIUS_M,),

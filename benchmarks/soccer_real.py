@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pfcli import align, run
+from pfcli import run
 from pfcli.commands.calibrate_omni import rolled_of_log
 from pfcli.core.geometry import between, compose
+from pfcli.dead_reckoning import Drive
 from pfcli.events import Heading, LinePoints, Sighting, Ticks, Truth
 from pfcli.formats import lineframes, rosbag, ticklogs
 from pfcli.formats.log_writer import LogWriter
@@ -94,9 +95,9 @@ def _off(pose: np.ndarray, known: np.ndarray) -> float:
     return float(np.hypot(*(pose - known)[:2]))
 
 
-POLIMI = align.Drive("mecanum", None, (0.07,), track_m=0.338, axles_m=0.4, ticks_per_turn=42 * 5)
-OMNI3 = align.Drive("omni", ("wheel_1", "wheel_2", "wheel_3"), (0.051,), arm_m=0.195, angle_deg=(-60.0, 60.0, 180.0))
-OMNI4 = align.Drive("mecanum", None, (0.03,), track_m=0.215, axles_m=0.205)
+POLIMI = Drive("mecanum", None, (0.07,), track_m=0.338, axles_m=0.4, ticks_per_turn=42 * 5)
+OMNI3 = Drive("omni", ("wheel_1", "wheel_2", "wheel_3"), (0.051,), arm_m=0.195, angle_deg=(-60.0, 60.0, 180.0))
+OMNI4 = Drive("mecanum", None, (0.03,), track_m=0.215, axles_m=0.205)
 
 
 def wheels() -> None:
@@ -133,7 +134,7 @@ def _mcap(source: Path, folder: Path) -> Log:
     return Log(target)
 
 
-def _tell(name: str, fit: calibration.Fit, nominal: align.Drive, tests: list[calibration.Rolled]) -> list[float]:
+def _tell(name: str, fit: calibration.Fit, nominal: Drive, tests: list[calibration.Rolled]) -> list[float]:
     before = calibration.Fit(nominal, (0.0, 0.0, 0.0))
     errors = [(calibration.error_m(t, before)[0], calibration.error_m(t, fit)[0]) for t in tests]
     ratio = np.array(fit.drive.radius_m) / np.broadcast_to(np.array(nominal.radius_m), len(fit.drive.radius_m))
@@ -166,7 +167,7 @@ def match(seeds: int) -> None:
             )
 
 
-def _played(log: Log, drive: align.Drive, seed: int, folder: Path) -> tuple[float, float, float]:
+def _played(log: Log, drive: Drive, seed: int, folder: Path) -> tuple[float, float, float]:
     """One drive from another place on the field, ten frames a second."""
     rng = rng_for(seed, Purpose.SIMULATE, 0)
     vision = soccer.Vision(soccer.SCENARIOS["soccer-route-1"]._replace(false_share=0.1, point_noise=0.0), rng)

@@ -1,35 +1,24 @@
 """From parameter dataclasses to click options, TOML files and documentation rows."""
 
 import math
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pfcli.align import BASES, SOURCES, Drive
-from pfcli.errors import LogError, UsageError, reason
+from pfcli.align import SOURCES
+from pfcli.clicks import Finite, read_toml
+from pfcli.drive_options import wheel_options
+from pfcli.errors import UsageError
 from pfcli.formats.messages import ROLES
 from pfcli.initial import Initial, parse
 from pfcli.params import build, fields
 from pfcli.registry import LOCALISERS, MAPPED
-from pfcli.replay import Image, Settings
+from pfcli.replay import Settings
+from pfcli.vision import Image
 
 _Command = Callable[..., Any]
-
-
-class Finite(click.FloatRange):
-    """A number within limits; NaN is none."""
-
-    name = "float"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Raises click's usage error for NaN and infinity."""
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value} is not a finite number.", param, ctx)
-        return number
 
 
 def system_options(params: type, landmarks: type | None = None) -> Callable[[_Command], _Command]:
@@ -70,7 +59,7 @@ def build_params(params: type, given: dict[str, Any], file: Path | None, other: 
             raise UsageError(f"{field.flag} goes {'without' if given['landmarks'] else 'with'} --landmarks")
     values: dict[str, Any] = {}
     if file is not None:
-        values = _toml(file, "--params")
+        values = read_toml(file, "--params")
         build(params, values, f"--params {file}")
     values |= {name: value for name, value in given.items() if name in names and value is not None}
     return build(params, values, "parameters")
@@ -116,74 +105,6 @@ def _image(px_per_cm: float | None, centre: str | None) -> Image | None:
     if px_per_cm is None or not math.isfinite(x + y):
         raise UsageError("--px-per-cm and --image-centre X,Y (pixels) belong together")
     return Image(px_per_cm, (x, y))
-
-
-_DRIVE_FILE = {
-    "base": "base",
-    "wheel_joints": "joints",
-    "wheel_radius_m": "radius_m",
-    "track_width_m": "track_m",
-    "axle_distance_m": "axles_m",
-    "wheel_arm_m": "arm_m",
-    "wheel_angle_deg": "angle_deg",
-    "joint_ticks_per_turn": "ticks_per_turn",
-}
-"""Name of a wheel flag, and of the field in a `--drive` file -> field of Drive."""
-
-
-def drive_of(given: dict[str, Any]) -> Drive:
-    """Wheel options as a Drive: flag over `--drive` file over default."""
-    values = _drive_file(given["drive_file"]) if given["drive_file"] is not None else {}
-    for flag, field in _DRIVE_FILE.items():
-        value = given[flag]
-        if flag == "wheel_joints" and value is not None:
-            value = tuple(p.strip() for p in value.split(","))
-            if len(value) < 2 or not all(value):
-                raise UsageError(f"--wheel-joints {given[flag]}: expected the names of the wheels, such as LEFT,RIGHT")
-        if value not in (None, ()):
-            values[field] = value
-    return Drive(**values)
-
-
-def drive_toml(drive: Drive) -> str:
-    """A Drive as a `--drive` file."""
-    lines = ["# the wheels of a robot, for --drive"]
-    for flag, field in _DRIVE_FILE.items():
-        value = getattr(drive, field)
-        if value in (None, (), 0.0):
-            continue
-        items = [
-            f'"{v}"' if isinstance(v, str) else repr(round(v, 6))
-            for v in (value if isinstance(value, tuple) else (value,))
-        ]
-        lines.append(f"{flag} = " + (f"[{', '.join(items)}]" if isinstance(value, tuple) else items[0]))
-    return "\n".join(lines) + "\n"
-
-
-def _drive_file(path: Path) -> dict[str, Any]:
-    """Fields of a TOML file as `pfcli calibrate-omni` writes it."""
-    values: dict[str, Any] = {}
-    for name, value in _toml(path, "--drive").items():
-        listed = name in ("wheel_joints", "wheel_radius_m", "wheel_angle_deg")
-        items = value if isinstance(value, list) else [value]
-        kind = str if name in ("base", "wheel_joints") else (int, float)
-        good = all(isinstance(v, kind) and not isinstance(v, bool) for v in items) and listed == isinstance(value, list)
-        good = good and all(math.isfinite(v) for v in items if isinstance(v, int | float))
-        if name not in _DRIVE_FILE or not good or (name == "base" and value not in BASES):
-            raise UsageError(
-                f"--drive {path}: field {name!r} is unknown or has no legal value; known: {', '.join(_DRIVE_FILE)}"
-            )
-        values[_DRIVE_FILE[name]] = tuple(items) if listed else value
-    return values
-
-
-def _toml(path: Path, flag: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{flag} {path}: cannot be read ({reason(error)})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{flag} {path}: is not TOML ({reason(error)})") from None
 
 
 def localiser_options(name: str) -> Callable[[_Command], _Command]:
@@ -277,51 +198,6 @@ def reading_options(command: _Command) -> _Command:
                 help="Where motion comes from.",
             ),
             click.option(
-                "--base",
-                type=click.Choice(BASES),
-                default=None,
-                help="What the wheels are: left and right, omni wheels, mecanum wheels.  (default: differential)",
-            ),
-            click.option(
-                "--wheel-joints",
-                metavar="NAMES",
-                default=None,
-                help="Joints of the wheels, in order, such as LEFT,RIGHT.",
-            ),
-            click.option(
-                "--wheel-radius-m", type=Finite(0, 100), multiple=True, help="Wheel radius; or once for each wheel [m]."
-            ),
-            click.option(
-                "--track-width-m", type=Finite(0, 100), default=None, help="Distance of left and right wheels [m]."
-            ),
-            click.option(
-                "--axle-distance-m",
-                type=Finite(0, 100),
-                default=None,
-                help="Mecanum: distance of front and rear axle [m].",
-            ),
-            click.option(
-                "--wheel-arm-m", type=Finite(0, 100), default=None, help="Omni: from the centre to a wheel [m]."
-            ),
-            click.option(
-                "--wheel-angle-deg",
-                type=Finite(-360, 360),
-                multiple=True,
-                help="Omni: phi of four wheels at 90 + phi, 90 - phi, phi - 90, -phi - 90; or once for each wheel [deg].",
-            ),
-            click.option(
-                "--joint-ticks-per-turn",
-                type=Finite(0, 1e9),
-                default=None,
-                help="JointState.position counts ticks: so many make a turn.",
-            ),
-            click.option(
-                "--drive",
-                "drive_file",
-                type=click.Path(path_type=Path),
-                help="TOML with these options, from calibrate-omni.",
-            ),
-            click.option(
                 "--px-per-cm",
                 type=Finite(0, 1e4, min_open=True),
                 default=None,
@@ -333,4 +209,4 @@ def reading_options(command: _Command) -> _Command:
         )
     ):
         command = option(command)
-    return command
+    return wheel_options(command)

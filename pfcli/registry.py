@@ -44,7 +44,7 @@ class System(NamedTuple):
     """One particle-filter system.
 
     needs: alternatives, each a set of event kinds that is enough to run; wants: kinds that are read whenever the log has them;
-    readings: what its users call what it is fed;
+    readings: what its users call what it is fed; unusable: what none of them does where nothing could be estimated;
     load(params, settings) -> assets (tables, maps); init(params, assets, first odometry pose, draw) -> state;
     step(state, reading, assets, params, draw) -> (state, Info or None); finish(state, ...) -> Result.
     """
@@ -59,6 +59,7 @@ class System(NamedTuple):
     finish: Callable[..., Any]
     wants: tuple[str, ...] = ()
     readings: str = "scans"
+    unusable: str = "has a usable beam (see --max-range-m)"
 
 
 def _resolve(target: str) -> Any:
@@ -79,5 +80,5 @@ def params_class(name: str) -> type:
 
 
 def all_systems() -> Iterator[System]:
-    """Every registered system (contract tests iterate over it)."""
+    """Every registered system (tests iterate over it)."""
     return (system(name) for name in SYSTEMS)

@@ -6,7 +6,6 @@ where a role of the run asks for their topic. What is lost on the way is counted
 
 import math
 import struct
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import compose
+from pfcli import vision
 from pfcli.core.jit import kernel
 from pfcli.errors import UsageError, printable
-from pfcli.events import Event, Heading, Landmarks, LinePoints, Odometry, Pose2, Range, Scan, Truth
+from pfcli.events import Event, Heading, Landmarks, LinePoints, Odometry, Range, Scan, Truth
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
 from pfcli.formats.mcap_records import Batch, Channel, McapFile
 from pfcli.formats.messages import (
@@ -32,6 +31,7 @@ from pfcli.formats.messages import (
     transforms,
     yaw_of,
 )
+from pfcli.loss import Loss
 
 SOURCE_STAMP_TOPIC = "/source_stamp"
 _TF = "tf2_msgs/msg/TFMessage"
@@ -39,20 +39,6 @@ _TRUTH_NAMES = ("truth", "ground_truth", "groundtruth", "mocap", "reference")
 _MOUNTED = (Scan, Range, LinePoints, Landmarks, Heading)
 _VISION = ("lines", "landmarks")
 _FAR_NS = 10 * 365 * 86400 * SECOND
-
-
-class Image(NamedTuple):
-    """What turns pixels of an omnidirectional camera into metres (Zhang 2011, eq. (5)): scale (pixels per cm) and centre
-    (pixels); up in the image is ahead."""
-
-    px_per_cm: float
-    centre_px: tuple[float, float]
-
-    def metres(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points (n, 2) of the image (right, down) in the robot's frame (ahead, left)."""
-        ahead = self.centre_px[1] - points_px[:, 1]
-        left = self.centre_px[0] - points_px[:, 0]
-        return np.column_stack([ahead, left]) / (100.0 * self.px_per_cm)
 
 
 class Settings(NamedTuple):
@@ -66,28 +52,10 @@ class Settings(NamedTuple):
     reorder_s: float = 2.0
     offsets_s: Mapping[str, float] = {}
     extrinsics: Sequence[str] = ()
-    image: Image | None = None
+    image: vision.Image | None = None
 
 
 DEFAULTS = Settings()
-
-
-class Loss:
-    """What a replay had to leave out: counts by reason, and the sentences that say where."""
-
-    def __init__(self) -> None:
-        self.counts: Counter[str] = Counter()
-        self.notes: list[str] = []
-        self.read: Counter[str] = Counter()
-
-    def add(self, why: str, note: str) -> None:
-        """Count one loss; its first note of a kind is kept."""
-        self.counts[why] += 1
-        if self.counts[why] == 1:
-            self.notes.append(note)
-
-    def __bool__(self) -> bool:
-        return bool(self.counts)
 
 
 class Log:
@@ -248,6 +216,10 @@ class _Merge:
         self._first: int | None = None
         self._mounts: dict[str, Mount] = {}
 
+    def _where(self, source: _Source) -> str:
+        """What messages about a topic begin with."""
+        return f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+
     def events(self) -> Iterator[Event]:
         for batch in self._log._file.batches():
             self._take(batch)
@@ -287,7 +259,7 @@ class _Merge:
         if self._latest > 0:
             bad |= np.abs(rows[:, 0] - self._latest) > _FAR_NS
         for index in rows[bad, 3].tolist():
-            where = f"{self._log.path}: topic {printable(self._sources[index].channel.topic)!r}"
+            where = self._where(self._sources[index])
             self._log.loss.add("bad stamp", f"{where}, field 'stamp': not a usable time; such messages are skipped")
         rows = rows[~bad]
         if rows.size == 0:
@@ -296,7 +268,7 @@ class _Merge:
         behind = newest - rows[:, 0]
         self._latest = int(newest[-1])
         for k in np.flatnonzero(behind > self._horizon).tolist():
-            where = f"{self._log.path}: topic {printable(self._sources[rows[k, 3]].channel.topic)!r}"
+            where = self._where(self._sources[rows[k, 3]])
             self._log.loss.add(
                 "late",
                 f"{where}: time goes back by {behind[k] / SECOND:.3f} s; a larger --reorder mends it, or --time log",
@@ -350,7 +322,7 @@ class _Merge:
         except KeyError:
             return None
         except (ValueError, struct.error) as error:
-            where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+            where = self._where(source)
             self._log.loss.add("unreadable message", f"{where}: a message {printable(str(error))}; it is skipped")
             return None
         self._log.loss.read[source.role] += 1
@@ -361,14 +333,14 @@ class _Merge:
                 self._mounts[frame] = mount
             if isinstance(event, LinePoints | Landmarks | Heading):
                 if not mount.upright:
-                    where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
+                    where = self._where(source)
                     raise UsageError(
                         f"{where}: frame {printable(frame)!r} is not upright; give points on the ground in a frame whose z"
                         " points up, or say --extrinsic base_link:FRAME=x,y,yaw"
                     )
                 if isinstance(event, Heading):
                     return event._replace(yaw_rad=math.remainder(event.yaw_rad - mount.pose.yaw_rad, 2 * math.pi))
-                return self._placed(event, mount.pose, source)
+                return vision.placed(event, mount.pose, self._log.settings.image, self._where(source), self._log.loss)
             if isinstance(event, Range):
                 return event._replace(topic=source.channel.topic, mount=mount.pose)
             if mount.flipped:
@@ -379,33 +351,3 @@ class _Merge:
                 )
             return Scan(*event[:6], mount.pose)
         return event
-
-    def _placed(self, event: LinePoints | Landmarks, mount: Pose2, source: _Source) -> LinePoints | Landmarks:
-        """What vision saw, in metres and in the base frame; what is not a number is left out."""
-        if isinstance(event, LinePoints):
-            points = event.points_m
-        else:
-            c, s = np.cos(event.bearing_rad), np.sin(event.bearing_rad)
-            points = event.range_m[:, None] * np.column_stack([c, s])
-        if event.pixels:
-            image = self._log.settings.image
-            if image is None:
-                where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
-                raise UsageError(f"{where} holds pixels; say what a pixel is with --px-per-cm and --image-centre")
-            points = image.metres(points)
-        known = np.asarray(np.isfinite(points).all(axis=1))
-        if not known.all():
-            where = f"{self._log.path}: topic {printable(source.channel.topic)!r}"
-            self._log.loss.add("point that is not a number", f"{where}: points that are not numbers are left out")
-            points = points[known]
-        if points.size and any(mount):
-            points = compose(np.array([mount]), np.column_stack([points, np.zeros(len(points))]))[:, :2]
-        if isinstance(event, LinePoints):
-            return LinePoints(event.stamp_ns, points)
-        return Landmarks(
-            event.stamp_ns,
-            tuple(name for name, good in zip(event.ids, known.tolist(), strict=False) if good),
-            np.hypot(points[:, 0], points[:, 1]),
-            np.arctan2(points[:, 1], points[:, 0]),
-            event.sigma[known],
-        )

@@ -11,14 +11,16 @@ import numpy as np
 
 from pfcli import __version__, align
 from pfcli.core.threads import set_threads
+from pfcli.dead_reckoning import Drive
 from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
 from pfcli.formats import map_yaml, parquet, tum
 from pfcli.initial import Initial
+from pfcli.loss import Loss
 from pfcli.params import to_toml
 from pfcli.progress import progress
 from pfcli.registry import LOCALISERS, System
-from pfcli.replay import Log, Loss, Settings
+from pfcli.replay import Log, Settings
 from pfcli.rng import Draw
 from pfcli.systems.result import Result
 
@@ -35,7 +37,7 @@ class Job(NamedTuple):
     seed: int = 0
     settings: Settings = Settings()
     motion: str = "auto"
-    drive: align.Drive = align.Drive()
+    drive: Drive = Drive()
     truth: str | None = None
     threads: int = 0
     progress: str = "never"
@@ -79,7 +81,7 @@ def execute(job: Job) -> Run:
             infos.append(info)
     looped = time.perf_counter()
     if not infos:
-        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss, job.system.readings)}")
+        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss, job.system)}")
     result = job.system.finish(state, assets, job.params)
     errors = _errors(job, result, truth)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
@@ -147,9 +149,7 @@ def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
                 )
             last = event.stamp_ns
             yield event
-        loss.counts.update(log.loss.counts)
-        loss.read.update(log.loss.read)
-        loss.notes.extend(log.loss.notes)
+        loss.take(log.loss)
 
 
 def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Event]:
@@ -179,14 +179,12 @@ def _with_data(sweeps: Iterator[Sweep | Sounding | Sighting], loss: Loss) -> Ite
         yield sweep
 
 
-def _nothing_ran(count: int, loss: Loss, readings: str) -> str:
+def _nothing_ran(count: int, loss: Loss, system: System) -> str:
     if loss.notes:
-        return f"none of its {readings} could be used: {loss.notes[0]}"
+        return f"none of its {system.readings} could be used: {loss.notes[0]}"
     if count == 0:
-        return f"none of its {readings} lies between --start and --end"
-    if readings == "frames":
-        return "none of its frames says where to start: no points within --max-range-m, no landmark of --field; see --initial"
-    return f"none of its {readings} has a usable beam (see --max-range-m)"
+        return f"none of its {system.readings} lies between --start and --end"
+    return f"none of its {system.readings} {system.unusable}"
 
 
 def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
@@ -200,8 +198,7 @@ def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
         stamps, poses = tum.read(Path(job.truth))
     else:
         raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
-    placed = job.system.name in LOCALISERS or bool(getattr(job.params, "landmark_map", ""))
-    aligned = None if placed else align_se2
+    aligned = None if result.given_frame else align_se2
     return errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
 
 
@@ -215,7 +212,7 @@ def provenance(job: Job) -> dict[str, Any]:
         "inputs": [{"name": path.name, "sha256": digest(path)} for path in job.paths],
         "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {})},
         "motion": job.motion,
-        **({"drive": list(job.drive)} if job.drive != align.Drive() else {}),
+        **({"drive": list(job.drive)} if job.drive != Drive() else {}),
         **_place(job),
         **_files(job.params),
     }

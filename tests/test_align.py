@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from pfcli.align import DeadReckoning, Drive, rounds, sweeps
+from pfcli.align import rounds, sweeps
+from pfcli.dead_reckoning import DeadReckoning, Drive
 from pfcli.errors import UsageError
 from pfcli.events import Event, Odometry, Pose2, Range, Ranges, Scan, SourceStamp, Ticks, Twist, Wheels, YawRate
-from pfcli.replay import Loss
+from pfcli.loss import Loss
 
 S = 1_000_000_000
 DRIVE = Drive(radius_m=(0.1,), track_m=0.5)

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pfcli.drive_options import drive_of, drive_toml
 from pfcli.errors import LogError, UsageError
-from pfcli.options import drive_of, drive_toml, reading_options, settings_of
+from pfcli.options import reading_options, settings_of
 
 if TYPE_CHECKING:
-    from pfcli.align import Drive
+    from pfcli.dead_reckoning import Drive
     from pfcli.replay import Log
     from pfcli.systems.fuse_soccer.calibration import Fit, Rolled, Spread
 
@@ -97,7 +98,7 @@ def rolled_of_log(log: "Log", drive: "Drive") -> "Rolled":
     """Wheel angles and truth of a log. Raises UsageError or LogError naming what is missing."""
     import numpy as np
 
-    from pfcli.align import DeadReckoning
+    from pfcli.dead_reckoning import DeadReckoning
     from pfcli.events import Truth
     from pfcli.systems.fuse_soccer.calibration import rolled_of
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pfcli.clicks import Finite
 from pfcli.errors import LogError, UsageError
-from pfcli.options import Finite
 
 if TYPE_CHECKING:
     from pfcli.events import Scan

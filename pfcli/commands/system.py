@@ -7,9 +7,9 @@ from typing import Any
 import click
 
 from pfcli import registry
+from pfcli.drive_options import drive_of
 from pfcli.options import (
     build_params,
-    drive_of,
     initial_of,
     localiser_options,
     reading_options,

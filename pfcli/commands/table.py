@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from pfcli import registry
+from pfcli.clicks import Finite
 from pfcli.errors import LogError
-from pfcli.options import Finite
 
 
 @click.command()

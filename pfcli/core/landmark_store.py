@@ -58,19 +58,34 @@ def reserve(store: Store, columns: int) -> Store:
     return Store(table, pool, refs, free, np.array([top + cap - old]))
 
 
+def of_particles(marks: NDArray[np.float64], n: int) -> Store:
+    """A store of n particles with the landmarks (m, l, FIELDS) of the first m."""
+    store = reserve(empty(n), marks.shape[1])
+    padded = np.zeros((marks.shape[0], store.table.shape[1] * BLOCK, FIELDS))
+    padded[:, : marks.shape[1]] = marks
+    for i in range(marks.shape[0]):
+        for b in range(store.table.shape[1]):
+            store.top[0] -= 1
+            block = int(store.free[store.top[0]])
+            store.pool[block] = padded[i, b * BLOCK : (b + 1) * BLOCK]
+            store.refs[block], store.table[i, b] = 1, block
+    return store
+
+
 @inline_kernel
-def read(table, pool, i, column):  # type: ignore[no-untyped-def]
+def read(store, i, column):  # type: ignore[no-untyped-def]
     """(block, row) of a particle's landmark; block -1 where there is none."""
-    block = table[i, column // BLOCK]
+    block = store.table[i, column // BLOCK]
     row = column % BLOCK
-    if block >= 0 and pool[block, row, 5] == 0.0:
+    if block >= 0 and store.pool[block, row, 5] == 0.0:
         return -1, row
     return block, row
 
 
 @inline_kernel
-def own(table, pool, refs, free, top, i, column):  # type: ignore[no-untyped-def]
+def own(store, i, column):  # type: ignore[no-untyped-def]
     """The block of a particle's landmark, its alone to write."""
+    table, pool, refs, free, top = store
     b = column // BLOCK
     block = table[i, b]
     if block >= 0 and refs[block] == 1:

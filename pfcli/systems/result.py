@@ -31,7 +31,8 @@ class Frame(NamedTuple):
 
 class Result(NamedTuple):
     """track; grid: the map that was built or localised in; frames; summary: scalars for run.json; layers: more maps by
-    name; tables: more tables by name, columns of equal length; texts: more files by name."""
+    name; tables: more tables by name, columns of equal length; texts: more files by
+    name; given_frame: poses are in the frame of a map or field that was given, not in one of the system's own."""
 
     track: Track
     grid: GridMap | None
@@ -40,3 +41,4 @@ class Result(NamedTuple):
     layers: Mapping[str, GridMap] = MappingProxyType({})
     tables: Mapping[str, dict[str, Any]] = MappingProxyType({})
     texts: Mapping[str, str] = MappingProxyType({})
+    given_frame: bool = False

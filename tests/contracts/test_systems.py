@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pfcli import registry
-from pfcli.align import Drive
+from pfcli.dead_reckoning import Drive
 from pfcli.params import build, fields, to_toml
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]

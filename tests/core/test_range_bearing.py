@@ -54,15 +54,15 @@ def test_a_landmark_is_updated_as_the_textbook_says() -> None:
 
 
 @kernel
-def _write(table, pool, refs, free, top, i, column, value):  # type: ignore[no-untyped-def]
-    block = own(table, pool, refs, free, top, i, column)
-    pool[block, column % BLOCK, 0] = value
-    pool[block, column % BLOCK, 5] = 1.0
+def _write(store, i, column, value):  # type: ignore[no-untyped-def]
+    block = own(store, i, column)
+    store.pool[block, column % BLOCK, 0] = value
+    store.pool[block, column % BLOCK, 5] = 1.0
 
 
 @kernel
-def _there(table, pool, i, column):  # type: ignore[no-untyped-def]
-    return read(table, pool, i, column)[0] >= 0
+def _there(store, i, column):  # type: ignore[no-untyped-def]
+    return read(store, i, column)[0] >= 0
 
 
 def test_shared_blocks_behave_like_copies() -> None:
@@ -72,7 +72,7 @@ def test_shared_blocks_behave_like_copies() -> None:
     for _ in range(400):
         i, column = int(rng.integers(n)), int(rng.integers(columns))
         plain[i, column] = rng.random()
-        _write(*store, i, column, plain[i, column])
+        _write(store, i, column, plain[i, column])
         if rng.random() < 0.1:
             ancestors = rng.integers(n, size=n)
             store, plain = landmark_store.choose(store, ancestors), plain[ancestors]
@@ -80,13 +80,13 @@ def test_shared_blocks_behave_like_copies() -> None:
         assert np.array_equal(landmark_store.landmarks(store, i)[:columns, 0], plain[i])
     assert store.refs.sum() == (store.table >= 0).sum()
     assert int(store.top[0]) == (store.refs == 0).sum()
-    assert not _there(store.table, store.pool, 0, columns - 1) or plain[0, columns - 1] != 0.0
+    assert not _there(store, 0, columns - 1) or plain[0, columns - 1] != 0.0
 
 
 @pytest.mark.parametrize("columns", [1, 16, 17, 200])
 def test_room_is_made_without_losing_what_was_there(columns: int) -> None:
     store = landmark_store.reserve(landmark_store.empty(3), 2)
-    _write(*store, 1, 0, 5.0)
+    _write(store, 1, 0, 5.0)
     grown = landmark_store.reserve(store, columns)
     assert landmark_store.landmarks(grown, 1)[0, 0] == 5.0
     assert grown.table.shape[1] * BLOCK >= columns

@@ -17,7 +17,8 @@ from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats.log_writer import LogWriter, header
 from pfcli.formats.messages import ROLES, SECOND
 from pfcli.formats.schemas import json_schema, ros2msg, ros_types, typestore
-from pfcli.replay import Image, Log, Settings
+from pfcli.replay import Log, Settings
+from pfcli.vision import Image
 
 T0 = 1_700_000_000 * SECOND
 

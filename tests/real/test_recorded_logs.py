@@ -66,8 +66,8 @@ def test_ros1_bags_are_read(pfcli: Cli, tmp_path: Path) -> None:
 
 def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: Cli, tmp_path: Path) -> None:
     """PoliMi's mecanum robot: 0.12-0.18 m of mean error by the nominal radii, at most 0.10 m for the mean of both ways."""
-    from pfcli.align import Drive
     from pfcli.commands.calibrate_omni import rolled_of_log
+    from pfcli.dead_reckoning import Drive
     from pfcli.replay import Log, Settings
     from pfcli.systems.fuse_soccer import calibration
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import align, run
+from pfcli import run
 from pfcli.core.weights import normalize
+from pfcli.dead_reckoning import Drive
 from pfcli.events import Heading, Landmarks, Sighting
 from pfcli.initial import Initial
 from pfcli.registry import system
@@ -21,7 +22,7 @@ from pfcli.systems.fuse_soccer.weigh import Belief, Heard
 
 FUSE = system("fuse-soccer")
 UNKNOWN = Initial()
-DRIVE = align.Drive(
+DRIVE = Drive(
     "omni", soccer.JOINTS, (soccer.WHEEL_RADIUS_M,), arm_m=soccer.WHEEL_ARM_M, angle_deg=(soccer.WHEEL_ANGLE_DEG,)
 )
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pfcli.align import Drive
 from pfcli.core.geometry import between, compose, wrap
 from pfcli.core.jit import kernel
 from pfcli.core.motion import wheels
 from pfcli.core.sensor.field_lines import Lines, nearest_line
+from pfcli.dead_reckoning import Drive
 from pfcli.errors import LogError
 
 _WINDOW_S = 2.0

@@ -234,13 +234,13 @@ def _wheel_errors(
 
 def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info]:
     """Report, learn the compass, then resample."""
-    sighting, view, heard, seconds = glance[:4]
+    sighting, view, heard = glance.sighting, glance.view, glance.heard
     weights, log_evidence = normalize(state.belief.log_w)
     # sides that are equally likely: the one that was shown, at first the one that the compass is nearer to
     shown = heard.yaw_rad if heard is not None else state.belief.pose[int(np.argmax(weights)), 2]
     if state.track.updates:
         shown = state.pose[2] + sighting.odometry[2] - state.last.odometry[2]
-    forgotten = params.side_fade_per_s * seconds
+    forgotten = params.side_fade_per_s * glance.seconds
     belief, mirror_p = choose_side(state.belief, float(shown), weights, forgotten, glance.surprise > _WILD)
     pose = belief.pose
     found = estimate.densest(pose, weights, propose.MODE_M, propose.MODE_RAD)
@@ -328,9 +328,8 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         "compass_bias_deg": round(math.degrees(state.bias.mean_rad), 2),
         "particles": int(state.belief.pose.shape[0]),
     }
-    return Result(
-        track._replace(columns=columns), field_yaml.drawn(assets.field, assets.table), state.frames.frames(), summary
-    )
+    field = field_yaml.drawn(assets.field, assets.table)
+    return Result(track._replace(columns=columns), field, state.frames.frames(), summary, given_frame=True)
 
 
 SYSTEM = System(
@@ -344,4 +343,5 @@ SYSTEM = System(
     finish=finish,
     wants=("lines", "landmarks", "compass"),
     readings="frames",
+    unusable="says where to start: no points within --max-range-m, no landmark of --field; see --initial",
 )

@@ -216,7 +216,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         "looks_around": len(state.looks),
         "particles": int(state.pose.shape[0]),
     }
-    return Result(track, assets.grid, state.frames.frames(), summary)
+    return Result(track, assets.grid, state.frames.frames(), summary, given_frame=True)
 
 
 SYSTEM = System(

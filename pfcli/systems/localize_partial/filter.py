@@ -235,7 +235,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         "in_map_at_end": round(float(in_map[-1]), 4),
         "particles_at_end": int(state.pose.shape[0]),
     }
-    return Result(state.track.track(columns), assets.grid, state.frames.frames(), summary)
+    return Result(state.track.track(columns), assets.grid, state.frames.frames(), summary, given_frame=True)
 
 
 SYSTEM = System(

@@ -290,7 +290,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         summary["note"] = "the map has no key point: global samples were drawn uniformly"
     layers = {"unknown_obstacles": records.layer()}
     tables = {"beams": records.beams()} if params.beams_table else {}
-    return Result(track, assets.grid, state.frames.frames(), summary, layers, tables)
+    return Result(track, assets.grid, state.frames.frames(), summary, layers, tables, given_frame=True)
 
 
 SYSTEM = System(

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pfcli.core import estimate, landmark_store
 from pfcli.core.geometry import between
-from pfcli.core.landmark_store import BLOCK, FIELDS, Store
-from pfcli.core.sensor import landmarks as sightings
+from pfcli.core.landmark_store import FIELDS, Store
+from pfcli.core.sensor import landmarks as detected
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.errors import LogError
 from pfcli.events import Sighting
@@ -26,13 +26,11 @@ from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.gdr_resampling import ancestors_of, dispersed
 from pfcli.systems.pace import step_noise
 from pfcli.systems.result import Result
-from pfcli.systems.slam_landmarks import smooth
-from pfcli.systems.slam_landmarks.kernels import IGNORED, observe
+from pfcli.systems.slam_landmarks import history, smooth
+from pfcli.systems.slam_landmarks.history import History
+from pfcli.systems.slam_landmarks.kernels import IGNORED, UNKNOWN, observe
 from pfcli.systems.slam_landmarks.params import Params
 from pfcli.systems.track import TrackKeeper
-
-_UNKNOWN = -3
-_MODE_M, _MODE_RAD = 5.0, 0.8
 
 
 class Info(NamedTuple):
@@ -58,18 +56,6 @@ class Assets(NamedTuple):
     places: dict[str, tuple[float, float]]
 
 
-class History(NamedTuple):
-    """All that was driven and seen: steps and their spreads, detections (z, sd), columns that each particle took for them, and
-    its pose after every observation."""
-
-    step: list[NDArray[np.float64]]
-    step_sd: list[NDArray[np.float64]]
-    z: list[NDArray[np.float64]]
-    sd: list[NDArray[np.float64]]
-    column: list[NDArray[np.int32]]
-    pose: list[NDArray[np.float64]]
-
-
 class State(NamedTuple):
     """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
     odometry (1, 3) and way and turn at the last observation; since: observations since the particles were drawn anew; what
@@ -92,7 +78,7 @@ class State(NamedTuple):
 
 
 class _View(NamedTuple):
-    """Detections used: z (m, 2) range and bearing, variances (m, 2), known columns (m,) or _UNKNOWN."""
+    """Detections used: z (m, 2) range and bearing, variances (m, 2), known columns (m,) or UNKNOWN."""
 
     z: NDArray[np.float64]
     noise: NDArray[np.float64]
@@ -136,21 +122,7 @@ def _known(assets: Assets, n: int) -> tuple[Store, dict[str, int]]:
     marks = np.zeros((1, len(names), FIELDS))
     marks[0, :, :2] = list(assets.places.values())
     marks[0, :, 2:] = (1e-8, 0.0, 1e-8, 1.0, 1.0)
-    return landmark_store.choose(_stored(marks, 1, n), np.zeros(n, np.int64)), names
-
-
-def _stored(marks: NDArray[np.float64], rows: int, n: int) -> Store:
-    """A store with the landmarks (rows, l, FIELDS) of its first particles."""
-    store = landmark_store.reserve(landmark_store.empty(n), marks.shape[1])
-    padded = np.zeros((rows, store.table.shape[1] * BLOCK, FIELDS))
-    padded[:, : marks.shape[1]] = marks
-    for i in range(rows):
-        for b in range(store.table.shape[1]):
-            store.top[0] -= 1
-            block = int(store.free[store.top[0]])
-            store.pool[block] = padded[i, b * BLOCK : (b + 1) * BLOCK]
-            store.refs[block], store.table[i, b] = 1, block
-    return store
+    return landmark_store.choose(landmark_store.of_particles(marks, n), np.zeros(n, np.int64)), names
 
 
 def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
@@ -166,9 +138,9 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
             return state._replace(odometry=now), None
         state = state._replace(pose=pose, started=True, odometry=now)
     moved = between(state.odometry, now)[0]
-    state = state._replace(odometry=now, way_m=state.way_m + float(np.hypot(moved[0], moved[1])))
     gone = sighting.travelled[0] - state.travelled[0], sighting.travelled[1] - state.travelled[1]
-    state = state._replace(travelled=sighting.travelled)
+    way = state.way_m + float(np.hypot(moved[0], moved[1]))
+    state = state._replace(odometry=now, travelled=sighting.travelled, way_m=way)
     state, used = _observe(state, view, moved, gone, sighting.stamp_ns, assets, params, draw)
     return _conclude(state, sighting, view, used, assets, params, draw)
 
@@ -190,26 +162,25 @@ def _view(state: State, sighting: Sighting, assets: Assets, params: Params) -> t
         for name, *_ in rows:
             names.setdefault(name, len(names))
     numbers = np.array([row[1:] for row in rows], float).reshape(-1, 4)
-    column = np.array([names[row[0]] if known else _UNKNOWN for row in rows], np.int32)
+    column = np.array([names[row[0]] if known else UNKNOWN for row in rows], np.int32)
     return state._replace(names=names), _View(numbers[:, :2].copy(), numbers[:, 2:].copy(), column)
 
 
 def _placed(view: _View, assets: Assets, params: Params, rng: np.random.Generator) -> NDArray[np.float64] | None:
     """Particles (n, 3) where two or more detections of known landmarks want them; None where they do not tell."""
     places = np.array(list(assets.places.values()))
-    seen = view.z[:, :1] * np.column_stack([np.cos(view.z[:, 1]), np.sin(view.z[:, 1])])
     known = view.column >= 0
     each = [places[c : c + 1] if c >= 0 else places for c in view.column.tolist()]
     start = np.cumsum([0, *(len(p) for p in each)])
     sigma = np.sqrt(view.noise[:, 0] + view.z[:, 0] ** 2 * view.noise[:, 1])
-    found = sightings.Detections(seen, np.concatenate(each), start, sigma)
+    found = detected.Detections(_points(view), np.concatenate(each), start, sigma)
     if view.z.shape[0] < (2 if known.all() else 3):
         return None
-    trial = sightings.pair_poses(found, 20_000)
+    trial = detected.pair_poses(found, 20_000)
     if trial.shape[0] == 0:
         return None
-    fit = sightings.evidence(trial, found, 1.0 - params.false_share, 1e4)
-    mean, hessian = sightings.refine(trial[[int(np.argmax(fit))]], found)
+    fit = detected.evidence(trial, found, 1.0 - params.false_share, 1e4)
+    mean, hessian = detected.refine(trial[[int(np.argmax(fit))]], found)
     return np.asarray(
         mean[0] + rng.standard_normal((params.particles, 3)) @ np.linalg.cholesky(np.linalg.inv(hessian[0])).T
     )
@@ -236,18 +207,11 @@ def _observe(
     z = draw(Purpose.MOTION, stamp_ns).standard_normal(pose.shape)
     log_false = math.log(params.false_share / (2.0 * math.pi * params.landmark_range_m))
     version = 2.0 if params.proposal == "fastslam2" else 1.0
-    options = (version, params.reject_gate, params.augment_gate, log_false, params.spurious_m)
-    columns = np.full(state.columns.size, len(state.names)) if view.column[0] != _UNKNOWN else state.columns
-    used = observe(
-        pose, log_w, moved, sd, view.z, view.noise, view.column, columns, *store, z, options, bool(assets.places)
-    )
-    h = state.history
-    h.step.append(moved)
-    h.step_sd.append(sd)
-    h.z.append(view.z)
-    h.sd.append(np.sqrt(view.noise))
-    h.column.append(used)
-    h.pose.append(pose)
+    gates = params.reject_gate, params.augment_gate
+    options = (version, *gates, log_false, params.spurious_m, bool(assets.places))
+    columns = np.full(state.columns.size, len(state.names)) if view.column[0] != UNKNOWN else state.columns
+    used = observe(pose, log_w, (moved, sd), tuple(view), columns, store, z, options)
+    history.record(state.history, moved, sd, view.z, np.sqrt(view.noise), used, pose)
     return state._replace(pose=pose, log_w=log_w, store=store, columns=columns), used
 
 
@@ -304,9 +268,7 @@ def _chosen(
 ) -> State:
     """Offspring with the landmarks and the past of their parents."""
     n = ancestors.size
-    h = state.history
-    for k in range(len(h.pose)):
-        h.pose[k], h.column[k] = h.pose[k][ancestors], h.column[k][ancestors]
+    history.choose(state.history, ancestors)
     return state._replace(
         pose=dispersed(state.pose, ancestors, weights, params, draw, stamp_ns),
         log_w=np.full(n, -np.log(n)),
@@ -316,47 +278,14 @@ def _chosen(
     )
 
 
-def _problem(
-    state: State, i: int, assets: Assets
-) -> tuple[smooth.Log, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """What particle i drove and saw, its track (t, 3), its landmarks (l, 2) and their columns (l,)."""
-    h = state.history
-    column = [c[i] for c in h.column]
-    marks = landmark_store.landmarks(state.store, i)
-    alive = np.flatnonzero(marks[:, 5] > 0)
-    at = np.repeat(np.arange(len(h.pose)), [c.size for c in column])
-    of, z, sd = np.concatenate(column), np.concatenate(h.z), np.concatenate(h.sd)
-    good = np.isin(of, alive)
-    log = smooth.Log(
-        np.array(h.step[1:]).reshape(-1, 3),
-        np.array(h.step_sd[1:]).reshape(-1, 3),
-        at[good],
-        np.searchsorted(alive, of[good]),
-        z[good],
-        sd[good],
-    )
-    return log, np.array([p[i] for p in h.pose]), marks[alive, :2].copy(), alive
-
-
 def _rejuvenate(state: State, best: int, assets: Assets, params: Params, draw: Draw, stamp_ns: int) -> State:
     """Particles drawn from the posterior of the whole track, each with the landmarks that belong to its track."""
-    n = params.particles
-    log, track, marks, alive = _problem(state, best, assets)
-    fixed = bool(assets.places)
-    found = smooth.solve(log, track, marks, fixed=fixed, draws=n, rng=draw(Purpose.PROPOSAL, stamp_ns))
-    h = state.history
-    for k in range(len(h.pose)):
-        h.pose[k] = np.ascontiguousarray(found.draws[:, k])
-        h.column[k] = np.repeat(h.column[k][best][None], n, axis=0)
-    store = state.store
-    if not fixed:
-        given = np.empty((n, marks.shape[0], FIELDS))
-        smooth.given_tracks(found.draws, found.marks, log.at, log.of, log.z, log.sd, given)
-        full = np.zeros((n, int(alive.max()) + 1, FIELDS))
-        full[:, alive] = given
-        store = _stored(full, n, n)
+    n, rng = params.particles, draw(Purpose.PROPOSAL, stamp_ns)
+    marks, fixed = landmark_store.landmarks(state.store, best), bool(assets.places)
+    pose, given = history.drawn_anew(state.history, best, marks, fixed, n, rng)
+    store = state.store if given is None else landmark_store.of_particles(given, n)
     columns = np.full(n, state.columns[best])
-    return state._replace(pose=h.pose[-1].copy(), log_w=np.full(n, -np.log(n)), store=store, columns=columns)
+    return state._replace(pose=pose, log_w=np.full(n, -np.log(n)), store=store, columns=columns)
 
 
 def finish(state: State, assets: Assets, params: Params) -> Result:
@@ -365,19 +294,18 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         raise LogError("no observation tells where the robot is among the known landmarks; two at once are needed")
     best = int(np.argmax(state.log_w))
     marks = landmark_store.landmarks(state.store, best)
-    log, track, places, alive = _problem(state, best, assets)
+    past = history.of_particle(state.history, best, marks)
+    alive, fixed = past.columns, bool(assets.places)
     if params.smooth:
-        found = smooth.solve(log, track, places, fixed=bool(assets.places))
-        given = np.empty((1, places.shape[0], FIELDS))
-        smooth.given_tracks(found.track[None], found.marks, log.at, log.of, log.z, log.sd, given)
-        if not assets.places:
-            marks[alive] = given[0]
+        found = smooth.solve(past.log, past.track, past.places, fixed=fixed)
+        if not fixed:
+            marks[alive] = smooth.given_tracks(found.track[None], found.marks, past.log)[0]
         state.track.replace(found.track)
     rows = marks[alive]
     by_column = {column: name for name, column in state.names.items()}
     table: dict[str, Any] = {"id": [by_column.get(k, str(k)) for k in alive.tolist()]}
     table |= dict(zip(("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), rows[:, :5].T, strict=True))
-    table["sightings"] = np.bincount(log.of, minlength=alive.size)
+    table["sightings"] = np.bincount(past.log.of, minlength=alive.size)
     summary = {
         "updates": state.track.updates,
         "landmarks": int(alive.size),
@@ -387,7 +315,15 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     }
     text = {k: [round(float(v), 4) if k.endswith("_m") else v for v in values] for k, values in table.items()}
     texts = {"landmarks.csv": landmark_csv.text(text)}
-    return Result(state.track.track({}), None, state.frames.frames(), summary, tables={"landmarks": table}, texts=texts)
+    return Result(
+        state.track.track({}),
+        None,
+        state.frames.frames(),
+        summary,
+        tables={"landmarks": table},
+        texts=texts,
+        given_frame=fixed,
+    )
 
 
 SYSTEM = System(
@@ -400,4 +336,5 @@ SYSTEM = System(
     step=step,
     finish=finish,
     readings="frames",
+    unusable="holds a detection within --landmark-range-m (of a known landmark, with --landmark-map)",
 )

@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 
 from pfcli.core.geometry import between, wrap
 from pfcli.core.jit import kernel
+from pfcli.core.landmark_store import FIELDS
 from pfcli.core.sensor.range_bearing import expected
 
 _ITERATIONS, _CAUCHY, _ENOUGH = 12, 2.5, 1e-4
@@ -150,11 +151,7 @@ def _cost(track: NDArray[np.float64], marks: NDArray[np.float64], log: Log) -> f
 
 
 @kernel
-def given_tracks(tracks, marks, at, of, z, sd, out):  # type: ignore[no-untyped-def]
-    """Landmarks of particles whose whole tracks (n, t, 3) are known: mean and covariance from all their detections.
-
-    marks (l, 2): where they are about; out (n, l, 7): x, y, pxx, pxy, pyy, sightings, evidence.
-    """
+def _given(tracks, marks, at, of, z, sd, out):  # type: ignore[no-untyped-def]
     e, hv, hf = np.empty(2), np.empty((2, 3)), np.empty((2, 2))
     info = np.empty((marks.shape[0], 6))
     for i in range(tracks.shape[0]):
@@ -182,3 +179,11 @@ def given_tracks(tracks, marks, at, of, z, sd, out):  # type: ignore[no-untyped-
             out[i, j, 1] = marks[j, 1] + p1 * info[j, 3] + p2 * info[j, 4]
             out[i, j, 2], out[i, j, 3], out[i, j, 4] = p0, p1, p2
             out[i, j, 5], out[i, j, 6] = info[j, 5], 20.0
+
+
+def given_tracks(tracks: NDArray[np.float64], marks: NDArray[np.float64], log: Log) -> NDArray[np.float64]:
+    """Landmarks (n, l, FIELDS) of particles whose whole tracks (n, t, 3) are known: mean and covariance from all their
+    detections. marks (l, 2): where they are about."""
+    out = np.empty((tracks.shape[0], marks.shape[0], FIELDS))
+    _given(tracks, marks, log.at, log.of, log.z, log.sd, out)
+    return out
