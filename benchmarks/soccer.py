@@ -2,6 +2,7 @@
 
 python benchmarks/soccer.py routes [seeds]          mean and maximum error as the paper's table 1, with what goes wrong
 python benchmarks/soccer.py ablation [seeds]        wheels alone, + compass, + vision, all; each addition switched off
+python benchmarks/soccer.py baseline [seeds]        the pose from two landmarks alone
 python benchmarks/soccer.py global [trials]         global localisations in 40 ms cycles; histogram as fig. 6
 python benchmarks/soccer.py kidnapped [trials]      carried away: cycles until right again
 python benchmarks/soccer.py speed                   one update; confidence with and without the table
@@ -112,6 +113,24 @@ def ablation(seeds: int) -> None:
             rows = [spread(pool, name, seeds, given, True) for name in ("soccer-route-1", "soccer-bent-compass")]
             text = ", ".join(f"{e[:, 0].mean():.3f} / {e[:, 1].mean():.3f} m {e[:, 2].mean():.2f} deg" for e in rows)
             print(f"{what:24s} {text}", flush=True)
+
+
+def baseline(seeds: int) -> None:
+    """The pose from two detected landmarks beside the filter's, each frame on its own."""
+    found, missing = [], 0
+    for seed in range(seeds):
+        scenario = soccer.SCENARIOS["soccer-landmarks"]
+        ran = replayed(scenario, seed, Params(), Initial())
+        truth = [now.truth for now in soccer.play(scenario, seed) if now.points_m is not None]
+        two = np.array([(i.two_x_m, i.two_y_m) for i in ran.infos])
+        off = np.hypot(*(two - np.array(truth)[-len(two) :, :2]).T)
+        missing += int(np.isnan(off).sum())
+        found.append(off[np.isfinite(off)])
+    off = np.concatenate(found)
+    print(
+        f"two landmarks: mean {off.mean():.3f} m, median {np.median(off):.3f}, 95 % {np.quantile(off, 0.95):.3f} m;"
+        f" {missing} of {missing + off.size} frames have no two"
+    )
 
 
 def cycles(seed: int, trial: int, carried: bool) -> Iterator[tuple[Sighting, np.ndarray]]:
@@ -239,6 +258,8 @@ if __name__ == "__main__":
         routes(number or 20)
     elif what == "ablation":
         ablation(number or 10)
+    elif what == "baseline":
+        baseline(number or 5)
     elif what == "global":
         trials(number or 7616, False)
     elif what == "kidnapped":

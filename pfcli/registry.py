@@ -80,5 +80,5 @@ def params_class(name: str) -> type:
 
 
 def all_systems() -> Iterator[System]:
-    """Every registered system (tests iterate over it)."""
+    """Every registered system."""
     return (system(name) for name in SYSTEMS)

@@ -12,6 +12,7 @@ from pfcli.options import reading_options, settings_of
 
 if TYPE_CHECKING:
     from pfcli.dead_reckoning import Drive
+    from pfcli.loss import Loss
     from pfcli.replay import Log
     from pfcli.systems.fuse_soccer.calibration import Fit, Rolled, Spread
 
@@ -47,13 +48,15 @@ def calibrate_omni(
 
     from pfcli.commands.show import emit, lost
     from pfcli.formats import parquet
+    from pfcli.loss import Loss
     from pfcli.replay import Log
     from pfcli.systems.fuse_soccer import calibration
 
+    loss = Loss()
     opened = [Log(path, settings) for path in logs]
-    runs = [rolled_of_log(log, drive) for log in opened]
+    runs = [rolled_of_log(log, drive, loss) for log in opened]
     fit, before = calibration.fit_wheels(runs, drive), calibration.Fit(drive, (0.0, 0.0, 0.0))
-    judged = [(str(path), rolled_of_log(Log(path, settings), drive)) for path in tests]
+    judged = [(str(path), rolled_of_log(Log(path, settings), drive, loss)) for path in tests]
     judged = judged or [(str(path), run) for path, run in zip(logs, runs, strict=True)]
     errors = {
         name: {
@@ -89,13 +92,11 @@ def calibrate_omni(
     ]
     points = ", params.toml" if spread is not None else "; no range has 50 points of lines, so no params.toml"
     emit(values, [f"{out}: drive.toml{points}", *lines], as_json)
-    losses = [log.loss for log in opened]
-    counts = {why: sum(loss.counts[why] for loss in losses) for loss in losses for why in loss.counts}
-    return lost(counts, [note for loss in losses for note in loss.notes])
+    return lost(loss.counts, loss.notes)
 
 
-def rolled_of_log(log: "Log", drive: "Drive") -> "Rolled":
-    """Wheel angles and truth of a log. Raises UsageError or LogError naming what is missing."""
+def rolled_of_log(log: "Log", drive: "Drive", loss: "Loss") -> "Rolled":
+    """Wheel angles and truth of a log; what is left out is counted. Raises UsageError or LogError naming what is missing."""
     import numpy as np
 
     from pfcli.dead_reckoning import DeadReckoning
@@ -105,16 +106,17 @@ def rolled_of_log(log: "Log", drive: "Drive") -> "Rolled":
     for role in ("encoders", "truth"):
         if log.choose(role) is None:
             raise UsageError(f"{log.path}: has no {role} topic; map one with --topic {role}=TOPIC")
-    reckon = DeadReckoning("encoders", drive, log.loss)
+    reckon = DeadReckoning("encoders", drive, loss)
     rows, truth = [], []
     for event in log.events(["encoders", "truth"]):
         if isinstance(event, Truth):
             if all(map(math.isfinite, event[1:4])):
                 truth.append(tuple(event))
             else:
-                log.loss.add("truth that is not a number", f"{log.path}: true poses that are not numbers are left out")
+                loss.add("truth that is not a number", f"{log.path}: true poses that are not numbers are left out")
         elif reckon(event) is not None and reckon.rolled.size:
             rows.append((event.stamp_ns, reckon.rolled[0]))
+    loss.take(log.loss)
     if len(rows) < _LEAST_ROWS or len(truth) < _LEAST_ROWS:
         raise LogError(
             f"{log.path}: holds {len(rows)} encoder readings and {len(truth)} true poses; {_LEAST_ROWS} of each are needed"

@@ -78,9 +78,9 @@ def _systems(topics: list[dict[str, Any]]) -> dict[str, str]:
     if have & {"odometry", "encoders", "twist"}:
         have.add("motion")
     verdict = {}
-    for name in registry.SYSTEMS:
-        missing = min((need - have for need in registry.system(name).needs), key=len)
-        verdict[name] = "yes" if not missing else "needs " + ", ".join(sorted(missing))
+    for system in registry.all_systems():
+        missing = min((need - have for need in system.needs), key=len)
+        verdict[system.name] = "yes" if not missing else "needs " + ", ".join(sorted(missing))
     return verdict
 
 

@@ -68,6 +68,7 @@ def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: C
     """PoliMi's mecanum robot: 0.12-0.18 m of mean error by the nominal radii, at most 0.10 m for the mean of both ways."""
     from pfcli.commands.calibrate_omni import rolled_of_log
     from pfcli.dead_reckoning import Drive
+    from pfcli.loss import Loss
     from pfcli.replay import Log, Settings
     from pfcli.systems.fuse_soccer import calibration
 
@@ -76,7 +77,9 @@ def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: C
     assert pfcli("convert", bag, log).returncode == 0
     drive = Drive("mecanum", None, (0.07,), track_m=0.338, axles_m=0.4, ticks_per_turn=42 * 5)
     reading = Settings(topics={"truth": "/robot/pose"})
-    halves = [rolled_of_log(Log(log, reading._replace(**cut)), drive) for cut in ({"end_s": 29.4}, {"start_s": 29.4})]
+    halves = [
+        rolled_of_log(Log(log, reading._replace(**cut)), drive, Loss()) for cut in ({"end_s": 29.4}, {"start_s": 29.4})
+    ]
     errors = []
     for k in (0, 1):
         fit = calibration.fit_wheels([halves[k]], drive)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
+from pfcli.systems.parameters import XyOfAnyStep, XyPerM, XyPerRad, YawOfAnyStep, YawPerM, YawPerRad
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +61,9 @@ class Params:
     ] = 3.0
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share", "", 0, 1)] = 0.5
     beams_table: Annotated[bool, Opt("keep p(unknown) of every beam in beams.parquet")] = False
-    motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.1
-    motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
-    motion_xy_m: Annotated[float, Opt("odometry: position error of any step", "m", 0, 10)] = 0.005
-    motion_yaw_per_rad: Annotated[float, Opt("odometry: heading error per turn", "rad/rad", 0, 10)] = 0.1
-    motion_yaw_per_m_rad: Annotated[float, Opt("odometry: heading error per way", "rad/m", 0, 10)] = 0.05
-    motion_yaw_rad: Annotated[float, Opt("odometry: heading error of any step", "rad", 0, 10)] = 0.003
+    motion_xy_per_m: XyPerM = 0.1
+    motion_xy_per_rad_m: XyPerRad = 0.02
+    motion_xy_m: XyOfAnyStep = 0.005
+    motion_yaw_per_rad: YawPerRad = 0.1
+    motion_yaw_per_m_rad: YawPerM = 0.05
+    motion_yaw_rad: YawOfAnyStep = 0.003

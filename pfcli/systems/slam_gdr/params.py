@@ -4,6 +4,20 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
+from pfcli.systems.parameters import (
+    AlphaXy,
+    AlphaYaw,
+    DispersalCap,
+    DisperseFirst,
+    Resampler,
+    SomeXyOfAnyStep,
+    SomeYawOfAnyStep,
+    Sort,
+    XyPerM,
+    XyPerRad,
+    YawPerM,
+    YawPerRad,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,15 +30,13 @@ class Params:
     ] = "corrected"
     update_distance_m: Annotated[float, Opt("a scan updates the filter after this way", "m", 0, 100)] = 0.25
     update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.25
-    resampler: Annotated[str, Opt("how offspring are chosen", choices=("gdr", "csw", "systematic", "stratified"))] = (
-        "gdr"
-    )
-    sort: Annotated[str, Opt("order of the cumulative sum", choices=("descending", "none"))] = "descending"
+    resampler: Resampler = "gdr"
+    sort: Sort = "descending"
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share of N", "", 0, 1)] = 0.5
-    alpha_xy_m: Annotated[float, Opt("dispersal at average weight", "m", 0, 1)] = 0.01
-    alpha_yaw_deg: Annotated[float, Opt("dispersal at average weight", "deg", 0, 45)] = 0.3
-    dispersal_cap: Annotated[float, Opt("largest variance factor of the dispersal", "", 0, 1000)] = 9.0
-    disperse_first: Annotated[bool, Opt("disperse the first offspring of a parent too, as the paper prints it")] = False
+    alpha_xy_m: AlphaXy = 0.01
+    alpha_yaw_deg: AlphaYaw = 0.3
+    dispersal_cap: DispersalCap = 9.0
+    disperse_first: DisperseFirst = False
     resolution_m: Annotated[float, Opt("side of a map cell", "m", 0.005, 1)] = 0.05
     max_range_m: Annotated[float, Opt("usable range; 0 takes it from the messages' range_max", "m", 0, 1000)] = 0.0
     max_beams: Annotated[int, Opt("use every k-th beam so that at most so many remain", "", 1, 100_000)] = 400
@@ -53,9 +65,9 @@ class Params:
         float, Opt("a scan with fewer of its beams on known walls is not drawn into that particle's map", "", 0, 1)
     ] = 0.5
     rescue_xy_m: Annotated[float, Opt("half width of that search", "m", 0.01, 10)] = 0.8
-    motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.2
-    motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
-    motion_xy_m: Annotated[float, Opt("odometry: position error of any step", "m", 1e-6, 10)] = 0.02
-    motion_yaw_per_rad: Annotated[float, Opt("odometry: heading error per turn", "rad/rad", 0, 10)] = 0.2
-    motion_yaw_per_m_rad: Annotated[float, Opt("odometry: heading error per way", "rad/m", 0, 10)] = 0.05
-    motion_yaw_rad: Annotated[float, Opt("odometry: heading error of any step", "rad", 1e-6, 10)] = 0.02
+    motion_xy_per_m: XyPerM = 0.2
+    motion_xy_per_rad_m: XyPerRad = 0.02
+    motion_xy_m: SomeXyOfAnyStep = 0.02
+    motion_yaw_per_rad: YawPerRad = 0.2
+    motion_yaw_per_m_rad: YawPerM = 0.05
+    motion_yaw_rad: SomeYawOfAnyStep = 0.02

@@ -327,7 +327,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
 
 
 SYSTEM = System(
-    name="slam-gdr-landmarks",
+    name="slam-gdr --landmarks",
     params=Params,
     info=Info,
     needs=(frozenset({"motion", "landmarks"}),),

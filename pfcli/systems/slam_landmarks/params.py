@@ -4,6 +4,20 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
+from pfcli.systems.parameters import (
+    AlphaXy,
+    AlphaYaw,
+    DispersalCap,
+    DisperseFirst,
+    Resampler,
+    SomeXyOfAnyStep,
+    SomeYawOfAnyStep,
+    Sort,
+    XyPerM,
+    XyPerRad,
+    YawPerM,
+    YawPerRad,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,18 +64,16 @@ class Params:
         ),
     ] = 25
     smooth: Annotated[bool, Opt("the track that is most probable afterwards, with its landmarks")] = False
-    resampler: Annotated[str, Opt("how offspring are chosen", choices=("gdr", "csw", "systematic", "stratified"))] = (
-        "gdr"
-    )
-    sort: Annotated[str, Opt("order of the cumulative sum", choices=("descending", "none"))] = "descending"
+    resampler: Resampler = "gdr"
+    sort: Sort = "descending"
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share of N", "", 0, 1)] = 0.75
-    alpha_xy_m: Annotated[float, Opt("dispersal at average weight", "m", 0, 1)] = 0.005
-    alpha_yaw_deg: Annotated[float, Opt("dispersal at average weight", "deg", 0, 45)] = 0.02
-    dispersal_cap: Annotated[float, Opt("largest variance factor of the dispersal", "", 0, 1000)] = 9.0
-    disperse_first: Annotated[bool, Opt("disperse the first offspring of a parent too, as the paper prints it")] = False
-    motion_xy_per_m: Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)] = 0.1
-    motion_xy_per_rad_m: Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)] = 0.02
-    motion_xy_m: Annotated[float, Opt("odometry: position error of any step", "m", 1e-6, 10)] = 0.005
-    motion_yaw_per_rad: Annotated[float, Opt("odometry: heading error per turn", "rad/rad", 0, 10)] = 0.1
-    motion_yaw_per_m_rad: Annotated[float, Opt("odometry: heading error per way", "rad/m", 0, 10)] = 0.02
-    motion_yaw_rad: Annotated[float, Opt("odometry: heading error of any step", "rad", 1e-6, 10)] = 0.003
+    alpha_xy_m: AlphaXy = 0.005
+    alpha_yaw_deg: AlphaYaw = 0.02
+    dispersal_cap: DispersalCap = 9.0
+    disperse_first: DisperseFirst = False
+    motion_xy_per_m: XyPerM = 0.1
+    motion_xy_per_rad_m: XyPerRad = 0.02
+    motion_xy_m: SomeXyOfAnyStep = 0.005
+    motion_yaw_per_rad: YawPerRad = 0.1
+    motion_yaw_per_m_rad: YawPerM = 0.02
+    motion_yaw_rad: SomeYawOfAnyStep = 0.003
