@@ -36,7 +36,7 @@ SUMMARY = {
     "localize-lookup": "Global localisation: headings from one match, ranges from a precomputed table.",
     "localize-partial": "Monte Carlo localisation in an incomplete map: where, and is the robot in the map at all?",
     "localize-reliable": "A pose that says whether it can be trusted, which beams the map explains, and finds itself again.",
-    "slam-gdr": "Rao-Blackwellised SLAM with Gaussian distributed resampling.",
+    "slam-gdr": "Rao-Blackwellised SLAM with Gaussian distributed resampling, from laser scans or landmarks.",
 }
 
 
