@@ -16,7 +16,7 @@ from pfcli.initial import Initial, parse
 from pfcli.params import build, fields
 from pfcli.registry import LOCALISERS, MAPPED
 from pfcli.replay import Settings
-from pfcli.vision import Image
+from pfcli.vision import RANGES, Image
 
 _Command = Callable[..., Any]
 
@@ -92,7 +92,17 @@ def settings_of(given: dict[str, Any]) -> Settings:
         raise UsageError(f"--end {end:g} must be later than --start {start:g}")
     topics = pairs(given["topic"], "--topic", roles)
     image = _image(given["px_per_cm"], given["image_centre"])
-    return Settings(topics, given["clock"], start, end, given["reorder"], offsets, given["extrinsic"], image)
+    return Settings(
+        topics,
+        given["clock"],
+        start,
+        end,
+        given["reorder"],
+        offsets,
+        given["extrinsic"],
+        image,
+        given["landmark_ranges"],
+    )
 
 
 def _image(px_per_cm: float | None, centre: str | None) -> Image | None:
@@ -205,6 +215,13 @@ def reading_options(command: _Command) -> _Command:
             ),
             click.option(
                 "--image-centre", metavar="X,Y", default=None, help="Vision in pixels: where the robot is in it."
+            ),
+            click.option(
+                "--landmark-ranges",
+                type=click.Choice(RANGES),
+                default=RANGES[0],
+                show_default=True,
+                help="What ranges of landmarks are: the distance, or the depth along the camera's axis.",
             ),
         )
     ):

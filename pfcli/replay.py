@@ -42,8 +42,8 @@ _FAR_NS = 10 * 365 * 86400 * SECOND
 
 
 class Settings(NamedTuple):
-    """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, and the
-    image of vision that gives pixels."""
+    """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, the image of
+    vision that gives pixels, and what landmarks' ranges are (one of `vision.RANGES`)."""
 
     topics: Mapping[str, str] = {}
     clock: str = "header"
@@ -53,6 +53,7 @@ class Settings(NamedTuple):
     offsets_s: Mapping[str, float] = {}
     extrinsics: Sequence[str] = ()
     image: vision.Image | None = None
+    landmark_ranges: str = vision.RANGES[0]
 
 
 DEFAULTS = Settings()
@@ -340,6 +341,8 @@ class _Merge:
                     )
                 if isinstance(event, Heading):
                     return event._replace(yaw_rad=math.remainder(event.yaw_rad - mount.pose.yaw_rad, 2 * math.pi))
+                if isinstance(event, Landmarks) and self._log.settings.landmark_ranges == "depth":
+                    event = vision.distances(event, self._where(source), self._log.loss)
                 return vision.placed(event, mount.pose, self._log.settings.image, self._where(source), self._log.loss)
             if isinstance(event, Range):
                 return event._replace(topic=source.channel.topic, mount=mount.pose)

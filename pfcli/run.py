@@ -83,6 +83,8 @@ def execute(job: Job) -> Run:
     if not infos:
         raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss, job.system)}")
     result = job.system.finish(state, assets, job.params)
+    if result.loss is not None:
+        loss.take(result.loss)
     errors = _errors(job, result, truth)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
     return Run(result, infos, errors, loss, seconds, motion)
@@ -258,6 +260,8 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
     columns |= track.columns
     if run.errors is not None:
         columns |= {"error_m": run.errors.position_m, "error_yaw_rad": run.errors.yaw_rad}
+        nees = run.errors.nees(track.columns)
+        columns |= {} if nees is None else {"nees": nees}
     parquet.write(folder / "track.parquet", columns, meta)
     parquet.write(folder / "metrics.parquet", parquet.columns_of(run.infos, job.system.info), meta)
     parquet.write(folder / "frames.parquet", _frame_columns(run.result), meta)
@@ -295,6 +299,9 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
     }
     if run.errors is not None:
         summary["truth"] = run.errors.summary()
+        nees = run.errors.nees(track.columns)
+        if nees is not None and np.isfinite(nees).any():
+            summary["truth"]["nees_mean"] = round(float(np.nanmean(nees)), 4)
     update_ms = 1e3 * run.seconds["loop"] / max(1, len(run.infos))
     summary["seconds"] = {k: round(v, 4) for k, v in run.seconds.items()}
     summary["ms_per_update"] = round(update_ms, 4)

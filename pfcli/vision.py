@@ -10,6 +10,12 @@ from pfcli.errors import UsageError
 from pfcli.events import Landmarks, LinePoints, Pose2
 from pfcli.loss import Loss
 
+RANGES = ("distance", "depth")
+"""What a landmark's range is: how far away it is, or how far ahead, as a camera's lens measures it by the size in the image."""
+
+_WIDEST_RAD = 1.4
+"""Beyond this bearing nothing has a depth that tells a distance."""
+
 
 class Image(NamedTuple):
     """What turns pixels of an omnidirectional camera into metres (Zhang 2011, eq. (5)): scale (pixels per cm) and centre
@@ -25,6 +31,19 @@ class Image(NamedTuple):
         return np.column_stack([ahead, left]) / (100.0 * self.px_per_cm)
 
 
+def distances(event: Landmarks, where: str, loss: Loss) -> Landmarks:
+    """Landmarks whose ranges were depths along the sensor's axis; what is too far aside is left out. where: for messages."""
+    ahead = np.abs(event.bearing_rad) < _WIDEST_RAD
+    if not ahead.all():
+        loss.add("depth aside", f"{where}: a depth at a bearing of more than {_WIDEST_RAD} rad tells no distance")
+    return event._replace(
+        ids=tuple(name for name, good in zip(event.ids, ahead.tolist(), strict=False) if good),
+        range_m=event.range_m[ahead] / np.cos(event.bearing_rad[ahead]),
+        bearing_rad=event.bearing_rad[ahead],
+        sigma=event.sigma[ahead],
+    )
+
+
 def placed(
     event: LinePoints | Landmarks, mount: Pose2, image: Image | None, where: str, loss: Loss
 ) -> LinePoints | Landmarks:
@@ -35,13 +54,19 @@ def placed(
     else:
         c, s = np.cos(event.bearing_rad), np.sin(event.bearing_rad)
         points = event.range_m[:, None] * np.column_stack([c, s])
+        points = np.where((event.range_m > 0.0)[:, None], points, np.nan)
     if event.pixels:
         if image is None:
             raise UsageError(f"{where} holds pixels; say what a pixel is with --px-per-cm and --image-centre")
         points = image.metres(points)
     known = np.asarray(np.isfinite(points).all(axis=1))
     if not known.all():
-        loss.add("point that is not a number", f"{where}: points that are not numbers are left out")
+        what = (
+            "points that are not numbers"
+            if isinstance(event, LinePoints)
+            else "landmarks without a range (> 0) or bearing"
+        )
+        loss.add("point that is not a number", f"{where}: {what} are left out")
         points = points[known]
     if points.size and any(mount):
         points = compose(np.array([mount]), np.column_stack([points, np.zeros(len(points))]))[:, :2]

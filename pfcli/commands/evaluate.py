@@ -122,9 +122,7 @@ def _truth(stamps: Any, poses: Any, given: dict[str, Any], found: dict[str, Any]
     if mine.size <= given["rpe_delta"]:
         raise LogError(f"--truth {path}: only {mine.size} poses have a partner; see --max-gap")
     moved = metrics.align_se2(a, b) if given["align"] else np.zeros(3)
-    errors = metrics.Errors(
-        np.hypot(*(metrics.compose(moved[None], a) - b)[:, :2].T), metrics.wrap(a[:, 2] + moved[2] - b[:, 2])
-    )
+    errors = metrics.errors_of(a, b, moved)
     step_t, step_r = metrics.relative_errors(a, b, given["rpe_delta"])
     summary = errors.summary() | {
         "rpe_m": round(float(np.sqrt((step_t**2).mean())), 6),

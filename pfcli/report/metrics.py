@@ -1,5 +1,6 @@
 """How good a track or a map is: relations, ATE, RPE, doubled walls. Plain numpy; agreement with evo is a test."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -164,10 +165,24 @@ class Aligner(Protocol):
 
 
 class Errors(NamedTuple):
-    """Against truth, per pose of the track (NaN where truth has none): position (m), heading (rad, signed)."""
+    """Against truth, per pose of the track (NaN where truth has none): position (m), heading (rad, signed), and the offset of
+    the position (n, 2) in the track's own frame (m)."""
 
     position_m: _Array
     yaw_rad: _Array
+    offset_m: _Array
+
+    def nees(self, columns: Mapping[str, Any]) -> _Array | None:
+        """Normalised squared errors of the positions (n,), 2 on average where the covariance is right (Bar-Shalom 2001, 5.4);
+        None where the track has no covariance. columns: of the track."""
+        names = ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
+        if not set(names) <= set(columns):
+            return None
+        xx, xy, yy = (np.asarray(columns[name], float) for name in names)
+        x, y = self.offset_m.T
+        det = xx * yy - xy * xy
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.where(det > 1e-18, (yy * x * x - 2 * xy * x * y + xx * y * y) / det, np.nan))
 
     def summary(self) -> dict[str, Any]:
         """ATE (RMSE), mean, median and maximum."""
@@ -207,8 +222,15 @@ def errors_against(
     known = np.isfinite(there[:, 0])
     if not known.any():
         associate(stamps, truth_stamps, 0)
-    moved = compose(aligner(poses[known], there[known])[None], poses) if aligner else poses
-    return Errors(np.hypot(*(moved - there)[:, :2].T), wrap(moved[:, 2] - there[:, 2]))
+    return errors_of(poses, there, aligner(poses[known], there[known]) if aligner else None)
+
+
+def errors_of(poses: _Array, truth: _Array, by: _Array | None) -> Errors:
+    """Errors of poses (n, 3) that `by` (3,) moves into the frame of the truth (n, 3) (None: frames are the same)."""
+    moved = poses if by is None else compose(by[None], poses)
+    off = (moved - truth)[:, :2]
+    c, s = (1.0, 0.0) if by is None else (np.cos(by[2]), np.sin(by[2]))
+    return Errors(np.hypot(*off.T), wrap(moved[:, 2] - truth[:, 2]), off @ np.array([[c, -s], [s, c]]))
 
 
 def relative_errors(poses: _Array, truth: _Array, delta: int = 1) -> tuple[_Array, _Array]:

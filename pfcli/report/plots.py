@@ -20,6 +20,8 @@ def draw(path: Path, result: Result, title: str) -> None:
     figure, axes = pyplot.subplots(figsize=(9, 8), layout="constrained")
     if result.grid is not None:
         _map(axes, result)
+    if "landmarks" in result.tables:
+        _landmarks(axes, result.tables["landmarks"])
     poses = result.track.poses
     axes.plot(poses[:, 0], poses[:, 1], color="tab:red", linewidth=0.9, label="track")
     axes.plot(*poses[0, :2], "o", color="tab:green", markersize=5, label="start")
@@ -33,6 +35,19 @@ def draw(path: Path, result: Result, title: str) -> None:
         raise OutputError(f"--plot {path}: cannot be written ({reason(error)})") from None
     finally:
         pyplot.close(figure)
+
+
+def _landmarks(axes: Any, table: dict[str, Any]) -> None:
+    """Landmarks with the ellipses of two standard deviations."""
+    from matplotlib.patches import Ellipse
+
+    rows = zip(*(table[name] for name in ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")), strict=True)
+    for x, y, xx, xy, yy in rows:
+        values, vectors = np.linalg.eigh([[xx, xy], [xy, yy]])
+        width, height = 4.0 * np.sqrt(np.maximum(values, 0.0))
+        angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
+        axes.add_patch(Ellipse((x, y), width, height, angle=angle, fill=False, color="tab:gray", linewidth=0.8))
+    axes.plot(table["x_m"], table["y_m"], "+", color="black", markersize=6, label="landmarks")
 
 
 def _map(axes: Any, result: Result) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.formats.map_yaml import GridMap
+from pfcli.loss import Loss
 
 
 class Track(NamedTuple):
@@ -32,7 +33,8 @@ class Frame(NamedTuple):
 class Result(NamedTuple):
     """track; grid: the map that was built or localised in; frames; summary: scalars for run.json; layers: more maps by
     name; tables: more tables by name, columns of equal length; texts: more files by
-    name; given_frame: poses are in the frame of a map or field that was given, not in one of the system's own."""
+    name; given_frame: poses are in the frame of a map or field that was given, not in one of the system's own;
+    loss: what the system itself left out or doubts."""
 
     track: Track
     grid: GridMap | None
@@ -42,3 +44,4 @@ class Result(NamedTuple):
     tables: Mapping[str, dict[str, Any]] = MappingProxyType({})
     texts: Mapping[str, str] = MappingProxyType({})
     given_frame: bool = False
+    loss: Loss | None = None

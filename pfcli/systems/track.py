@@ -39,9 +39,9 @@ class TrackKeeper:
         self._poses.append(pose)
         self._covs.append(cov)
 
-    def replace(self, poses: NDArray[np.float64]) -> None:
-        """Other estimates (n, 3) than those at the time: what is known afterwards."""
-        self._poses = list(poses)
+    def replace(self, poses: NDArray[np.float64], covs: NDArray[np.float64]) -> None:
+        """Other estimates (n, 3) and covariances (n, 3, 3) than those at the time: what is known afterwards."""
+        self._poses, self._covs = list(poses), list(covs)
 
     def track(self, columns: dict[str, NDArray[Any]]) -> Track:
         """Poses of all scans since the first update; columns: values per update, repeated for the scans after it."""

@@ -10,22 +10,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import run
+from pfcli import run, vision
 from pfcli.core.geometry import between, compose
 from pfcli.errors import LogError
+from pfcli.events import Landmarks, Odometry
 from pfcli.formats import landmark_csv, landmarklogs
+from pfcli.formats.log_writer import LogWriter
+from pfcli.loss import Loss
 from pfcli.registry import system
 from pfcli.simulate import landmarks as simulated
+from pfcli.systems.slam_landmarks import filter as slam_filter
 from pfcli.systems.slam_landmarks import smooth
 from pfcli.systems.slam_landmarks.params import Params
 
 SLAM = system("slam-gdr-landmarks")
 WORLD = simulated.SCENARIOS["landmarks-sample"]._replace(laps=1)
 NOISE: dict[str, Any] = {
-    "motion_xy_per_m": 0.035,
+    "motion_xy_per_root_m": 0.0274,
     "motion_xy_m": 0.002,
-    "motion_yaw_per_m_rad": 0.005,
-    "motion_yaw_rad": 0.001,
+    "motion_yaw_per_root_m": 0.0036,
+    "motion_yaw_per_root_rad": 0.02,
+    "motion_yaw_rad": 0.0003,
+    "motion_across_share": 0.05,
+    "motion_pivot_m": 4.0,
 }
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -85,13 +92,18 @@ def problem(seed: int) -> tuple[smooth.Log, np.ndarray, np.ndarray]:
         track.append(compose(track[-1][None], np.array([[0.7, 0.0, 0.1]]))[0])
     true = np.array(track)
     step = between(true[:-1], true[1:]) + rng.normal(0, (0.05, 0.05, 0.02), (9, 3))
+    step[:, 1] += 0.3 * (step[:, 2] - between(true[:-1], true[1:])[:, 2])
     at, of = np.repeat(np.arange(10), 3), np.tile(np.arange(3), 10)
     d = marks[of] - true[at, :2]
     z = np.column_stack([np.hypot(*d.T), np.arctan2(d[:, 1], d[:, 0]) - true[at, 2]]) + rng.normal(
         0, (0.05, 0.01), (30, 2)
     )
     z[:, 1] = np.remainder(z[:, 1] + np.pi, 2 * np.pi) - np.pi
-    return smooth.Log(step, np.tile([0.05, 0.05, 0.02], (9, 1)), at, of, z, np.tile([0.05, 0.01], (30, 1))), true, marks
+    return (
+        smooth.Log(step, np.tile([0.05, 0.05, 0.02, 0.3], (9, 1)), at, of, z, np.tile([0.05, 0.01], (30, 1))),
+        true,
+        marks,
+    )
 
 
 def test_the_smoother_finds_the_optimum_of_a_general_solver() -> None:
@@ -102,11 +114,127 @@ def test_the_smoother_finds_the_optimum_of_a_general_solver() -> None:
 
     def cost(p: np.ndarray) -> float:
         track = np.vstack([true[:1], p[:27].reshape(9, 3)])
-        return smooth._cost(track, p[27:].reshape(3, 2), log)
+        return smooth._cost(track, p[27:].reshape(3, 2), smooth.no_scales(), log)
 
     start = np.concatenate([true[1:].ravel(), marks.ravel()])
     best = minimize(cost, start, method="L-BFGS-B", options={"maxiter": 2000, "maxfun": 200_000}).fun
     assert found.cost <= best + 1e-2
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_scales_are_found_where_landmarks_tell_them(fixed: bool) -> None:
+    """Ranges 4 % too long and turns 8 % too far. Known landmarks tell both; unknown ones only turns, for a longer range and a
+    longer way look the same."""
+    log, true, marks = problem(1)
+    log = log._replace(z=log.z * [1.04, 1.0], step=log.step * [1.0, 1.0, 1.08])
+    options = smooth.Options(fixed=fixed, calibrate=True)
+    found = smooth.solve(log, true, marks, None, options)
+    plain = smooth.solve(log, true, marks, None, smooth.Options(fixed=fixed))
+    assert found.cost <= plain.cost
+    assert found.scales[3] == pytest.approx(0.08, abs=0.05)
+    if fixed:
+        assert found.scales[0] == pytest.approx(0.04, abs=0.01)
+    seen, step = smooth.corrected(log.z, log.step, np.array([0.04, 0.0, 0.0, 0.08]))
+    assert np.allclose(seen[:, 0] * 1.04, log.z[:, 0])
+    assert np.allclose(step[:, 2] * 1.08, log.step[:, 2])
+
+
+@pytest.mark.parametrize("options", [smooth.Options(), smooth.Options(True, True), smooth.Options(False, True)])
+def test_jacobians_of_the_smoother_are_the_differences(options: smooth.Options) -> None:
+    log, track, marks = problem(3)
+    now = track, marks, np.array([0.02, -0.03, 0.04, 0.05])
+    pattern = smooth._pattern(log, 3, options)
+    size = log.step.shape[0], log.at.size
+
+    def residual(move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, out = np.empty(24 * size[0] + 14 * size[1]), np.empty(3 * size[0] + 2 * size[1])
+        smooth._rows(*smooth._moved(now, move, pattern), tuple(log), value, out, 0.0)
+        return out, value
+
+    base, value = residual(np.zeros(pattern.size))
+    jacobian = np.zeros((base.size, pattern.size))
+    np.add.at(jacobian, (pattern.rows, pattern.columns), value[pattern.counts])
+    for k in range(pattern.size):
+        step = np.zeros(pattern.size)
+        step[k] = 1e-6
+        ahead, back = residual(step)[0], residual(-step)[0]
+        assert np.allclose((ahead - back) / 2e-6, jacobian[:, k], atol=1e-4, rtol=1e-5), k
+
+
+def test_two_short_steps_are_as_uncertain_as_a_long_one() -> None:
+    params = Params(motion_xy_m=1e-6, motion_yaw_rad=1e-6)
+    short, long = slam_filter._spread(0.5, 0.1, params), slam_filter._spread(1.0, 0.2, params)
+    assert np.allclose(np.sqrt(2.0) * short[:3], long[:3], rtol=1e-6)
+
+
+def replayed(tmp_path: Path, frames: list[list[tuple[str, float, float]]], **given: Any) -> run.Run:
+    """A robot that stands still; frames: id, range and bearing of what it sees each 0.2 s."""
+    path = tmp_path / "still.mcap"
+    with LogWriter(path) as out:
+        for k, frame in enumerate(frames):
+            stamp = 10**18 + k * 200_000_000
+            out.event(Odometry(stamp, 0.0, 0.0, 0.0))
+            ids, ranges, bearings = zip(*frame, strict=True) if frame else ((), (), ())
+            unknown = np.full((len(frame), 2), np.nan)
+            out.event(Landmarks(stamp, tuple(ids), np.array(ranges), np.array(bearings), unknown))
+    return run.execute(run.Job(SLAM, Params(**given), [path]))
+
+
+def test_what_cannot_be_is_left_out_counted_and_named(tmp_path: Path) -> None:
+    good = [("a", 2.0, 0.1), ("b", 3.0, -0.4)]
+    twice = replayed(tmp_path, [good, [*good, ("a", 5.0, 1.0)], good])
+    assert twice.loss.counts == {"landmark twice at a stamp": 1}
+    assert "'a'" in twice.loss.notes[0]
+    below = replayed(tmp_path, [good, [("a", -2.0, 0.1), ("b", 3.0, -0.4)], good])
+    assert below.loss.counts == {"point that is not a number": 1}
+    assert np.abs(below.result.track.poses).max() < 0.05
+    once = replayed(tmp_path, [[("a", 2.0, 0.1)], [("b", 3.0, -0.4)]])
+    assert once.loss.counts == {"landmarks seen once": 1}
+
+
+def test_a_landmark_that_moves_is_named_and_does_not_carry_the_robot_away(tmp_path: Path) -> None:
+    still = [("a", 2.0, 0.1), ("b", 3.0, -0.4), ("c", 4.0, 0.9)]
+    ran = replayed(tmp_path, [[*still, ("walker", 2.0 + 0.2 * k, 0.6 - 0.05 * k)] for k in range(25)])
+    assert ran.loss.counts == {"landmark that moves": 1}
+    assert "'walker'" in ran.loss.notes[0]
+    assert np.abs(ran.result.track.poses[:, :2]).max() < 0.15
+
+
+def test_landmarks_that_the_map_does_not_know_are_counted(tmp_path: Path) -> None:
+    marks = tmp_path / "map.csv"
+    marks.write_text("id,x_m,y_m\na,2.0,0.2\nb,2.8,-1.2\n")
+    frame = [("a", 2.01, 0.0997), ("b", 3.046, -0.4049), ("new", 1.0, 0.0)]
+    ran = replayed(tmp_path, [frame] * 3, landmark_map=str(marks))
+    assert ran.loss.read["detections of landmarks that the map does not know"] == 3
+    assert np.abs(ran.result.track.poses).max() < 0.1
+
+
+def test_depths_are_distances_by_the_bearing(tmp_path: Path) -> None:
+    event = Landmarks(0, ("a", "b", "c"), np.array([2.0, 2.0, 2.0]), np.array([0.0, 0.5, 1.5]), np.full((3, 2), np.nan))
+    loss = Loss()
+    seen = vision.distances(event, "x", loss)
+    assert seen.ids == ("a", "b")
+    assert np.allclose(seen.range_m * np.cos(seen.bearing_rad), 2.0)
+    assert loss.counts == {"depth aside": 1}
+
+
+def test_a_start_waits_until_what_was_seen_tells_it(tmp_path: Path) -> None:
+    """Two landmarks side by side far ahead say little of the heading; a third, aside, does."""
+    marks = tmp_path / "map.csv"
+    marks.write_text("id,x_m,y_m\na,6.0,0.1\nb,6.0,-0.1\nc,0.0,3.0\n")
+    poor = [("a", 6.0, 0.0167), ("b", 6.0, -0.0167)]
+    ran = replayed(tmp_path, [poor] * 3 + [[*poor, ("c", 3.0, 1.5708)]] * 3, landmark_map=str(marks))
+    assert ran.result.track.stamps_ns.size == 3
+    assert np.abs(ran.result.track.poses).max() < 0.1
+
+
+def test_the_covariance_matches_the_errors(log: Path) -> None:
+    """NEES of the smoothed positions: 2 if errors of one drive were independent; a drive has few independent ones."""
+    ran = played(log, smooth=True)
+    assert ran.errors is not None
+    nees = ran.errors.nees(ran.result.track.columns)
+    assert nees is not None
+    assert 0.05 < np.nanmean(nees) < 8.0
 
 
 def test_draws_of_the_track_have_the_spread_of_its_errors() -> None:

@@ -13,20 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate, landmark_store
-from pfcli.core.geometry import between
+from pfcli.core.geometry import between, wrap
 from pfcli.core.landmark_store import FIELDS, Store
-from pfcli.core.sensor import landmarks as detected
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.errors import LogError
+from pfcli.errors import LogError, printable
 from pfcli.events import Sighting
 from pfcli.formats import landmark_csv
+from pfcli.loss import Loss
 from pfcli.registry import System
-from pfcli.rng import Draw, Purpose
+from pfcli.rng import Draw, Purpose, rng_for
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.gdr_resampling import ancestors_of, dispersed
-from pfcli.systems.pace import step_noise
 from pfcli.systems.result import Result
-from pfcli.systems.slam_landmarks import history, smooth
+from pfcli.systems.slam_landmarks import history, smooth, start
 from pfcli.systems.slam_landmarks.history import History
 from pfcli.systems.slam_landmarks.kernels import IGNORED, UNKNOWN, observe
 from pfcli.systems.slam_landmarks.params import Params
@@ -58,8 +57,9 @@ class Assets(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
-    odometry (1, 3) and way and turn at the last observation; since: observations since the particles were drawn anew; what
-    the end needs."""
+    odometry (1, 3) and way and turn at the last observation; recent: what was seen before the start; loss: what was left out;
+    since: observations since the particles were drawn anew; scales
+    of `smooth.corrected`; what the end needs."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -71,10 +71,17 @@ class State(NamedTuple):
     way_m: float
     since: int
     started: bool
+    recent: tuple[start.Seen, ...]
+    loss: Loss
+    scales: NDArray[np.float64]
     history: History
     track: TrackKeeper
     frames: FrameKeeper
     resamplings: int
+
+
+_MANY, _MOVED, _DRAWS = 10, 50.0, 200
+"""A landmark with so many detections moves if their median squared distance is this; draws that tell a smoothed covariance."""
 
 
 class _View(NamedTuple):
@@ -109,7 +116,10 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
         0.0,
         0,
         not assets.places,
-        History([], [], [], [], [], []),
+        (),
+        Loss(),
+        smooth.no_scales(),
+        history.empty(),
         TrackKeeper(),
         FrameKeeper(),
         0,
@@ -133,10 +143,11 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
         return state, None
     now = np.array([sighting.odometry])
     if not state.started:
-        pose = _placed(view, assets, params, draw(Purpose.INIT, sighting.stamp_ns))
+        recent = (*state.recent, start.Seen(now, _points(view), _spread_m(view), view.column))[-start.RECENT :]
+        pose = start.placed(recent, assets.places, params, draw(Purpose.INIT, sighting.stamp_ns))
         if pose is None:
-            return state._replace(odometry=now), None
-        state = state._replace(pose=pose, started=True, odometry=now)
+            return state._replace(odometry=now, travelled=sighting.travelled, recent=recent), None
+        state = state._replace(pose=pose, started=True, odometry=now, travelled=sighting.travelled, recent=())
     moved = between(state.odometry, now)[0]
     gone = sighting.travelled[0] - state.travelled[0], sighting.travelled[1] - state.travelled[1]
     way = state.way_m + float(np.hypot(moved[0], moved[1]))
@@ -148,42 +159,32 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
 def _view(state: State, sighting: Sighting, assets: Assets, params: Params) -> tuple[State, _View]:
     """Detections within range, each id once in an observation; new ids get a column."""
     names, rows, seen = dict(state.names), [], set[str]()
-    spread = params.range_sigma_m, math.radians(params.bearing_sigma_deg)
     for group in sighting.landmarks:
         for name, r, bearing, sigma in zip(group.ids, group.range_m, group.bearing_rad, group.sigma, strict=True):
-            if not (0.0 < r <= params.landmark_range_m and math.isfinite(bearing)) or (name and name in seen):
+            if r > params.landmark_range_m:
                 continue
+            if name and name in seen and params.association != "unknown":
+                note = f"landmark {printable(name)!r} is detected twice at one stamp; its first detection counts"
+                state.loss.add("landmark twice at a stamp", note)
+                continue
+            spread = (
+                math.hypot(params.range_sigma_m, params.range_sigma_share * r),
+                math.radians(params.bearing_sigma_deg),
+            )
             sd = [s if math.isfinite(s) and s > 0.0 else d for s, d in zip(sigma, spread, strict=True)]
             rows.append((name, r, bearing, sd[0] ** 2, sd[1] ** 2))
             seen.add(name)
     known = params.association == "known" or (params.association == "auto" and all(name for name, *_ in rows))
     if known:
+        strange = sum(bool(row[0]) and bool(assets.places) and row[0] not in names for row in rows)
+        if strange:
+            state.loss.read["detections of landmarks that the map does not know"] += strange
         rows = [row for row in rows if row[0] and (not assets.places or row[0] in names)]
         for name, *_ in rows:
             names.setdefault(name, len(names))
     numbers = np.array([row[1:] for row in rows], float).reshape(-1, 4)
     column = np.array([names[row[0]] if known else UNKNOWN for row in rows], np.int32)
     return state._replace(names=names), _View(numbers[:, :2].copy(), numbers[:, 2:].copy(), column)
-
-
-def _placed(view: _View, assets: Assets, params: Params, rng: np.random.Generator) -> NDArray[np.float64] | None:
-    """Particles (n, 3) where two or more detections of known landmarks want them; None where they do not tell."""
-    places = np.array(list(assets.places.values()))
-    known = view.column >= 0
-    each = [places[c : c + 1] if c >= 0 else places for c in view.column.tolist()]
-    start = np.cumsum([0, *(len(p) for p in each)])
-    sigma = np.sqrt(view.noise[:, 0] + view.z[:, 0] ** 2 * view.noise[:, 1])
-    found = detected.Detections(_points(view), np.concatenate(each), start, sigma)
-    if view.z.shape[0] < (2 if known.all() else 3):
-        return None
-    trial = detected.pair_poses(found, 20_000)
-    if trial.shape[0] == 0:
-        return None
-    fit = detected.evidence(trial, found, 1.0 - params.false_share, 1e4)
-    mean, hessian = detected.refine(trial[[int(np.argmax(fit))]], found)
-    return np.asarray(
-        mean[0] + rng.standard_normal((params.particles, 3)) @ np.linalg.cholesky(np.linalg.inv(hessian[0])).T
-    )
 
 
 def _observe(
@@ -203,16 +204,26 @@ def _observe(
     pose, log_w = state.pose.copy(), state.log_w.copy()
     way, turn = travelled
     # what was driven to and fro between two observations is noise as well
-    sd = step_noise(np.array([max(way, float(np.hypot(moved[0], moved[1]))), 0.0, max(turn, abs(moved[2]))]), params)
+    sd = _spread(max(way, float(np.hypot(moved[0], moved[1]))), max(turn, abs(moved[2])), params)
+    seen, step = smooth.corrected(view.z, moved, state.scales)
     z = draw(Purpose.MOTION, stamp_ns).standard_normal(pose.shape)
     log_false = math.log(params.false_share / (2.0 * math.pi * params.landmark_range_m))
     version = 2.0 if params.proposal == "fastslam2" else 1.0
     gates = params.reject_gate, params.augment_gate
     options = (version, *gates, log_false, params.spurious_m, bool(assets.places))
     columns = np.full(state.columns.size, len(state.names)) if view.column[0] != UNKNOWN else state.columns
-    used = observe(pose, log_w, (moved, sd), tuple(view), columns, store, z, options)
+    used = observe(pose, log_w, (step, sd), (seen, *view[1:]), columns, store, z, options)
     history.record(state.history, moved, sd, view.z, np.sqrt(view.noise), used, pose)
     return state._replace(pose=pose, log_w=log_w, store=store, columns=columns), used
+
+
+def _spread(way: float, turn: float, params: Params) -> NDArray[np.float64]:
+    """(4,) along, across (m), of turning (rad), and how far behind (m) its errors turn about. Variances grow with way and
+    turn, so that a step is as uncertain as its parts together, however rarely something is seen."""
+    along = math.sqrt(params.motion_xy_m**2 + params.motion_xy_per_root_m**2 * way)
+    turning = params.motion_yaw_per_root_m**2 * way + params.motion_yaw_per_root_rad**2 * turn
+    yaw = math.sqrt(params.motion_yaw_rad**2 + turning)
+    return np.array([along, params.motion_across_share * along, yaw, params.motion_pivot_m])
 
 
 def _conclude(
@@ -259,6 +270,10 @@ def _conclude(
     return state._replace(since=0 if fresh else since), info
 
 
+def _spread_m(view: _View) -> NDArray[np.float64]:
+    return np.sqrt(view.noise[:, 0] + view.z[:, 0] ** 2 * view.noise[:, 1])
+
+
 def _points(view: _View) -> NDArray[np.float64]:
     return np.asarray(view.z[:, :1] * np.column_stack([np.cos(view.z[:, 1]), np.sin(view.z[:, 1])]))
 
@@ -281,38 +296,72 @@ def _chosen(
 def _rejuvenate(state: State, best: int, assets: Assets, params: Params, draw: Draw, stamp_ns: int) -> State:
     """Particles drawn from the posterior of the whole track, each with the landmarks that belong to its track."""
     n, rng = params.particles, draw(Purpose.PROPOSAL, stamp_ns)
-    marks, fixed = landmark_store.landmarks(state.store, best), bool(assets.places)
-    pose, given = history.drawn_anew(state.history, best, marks, fixed, n, rng)
-    store = state.store if given is None else landmark_store.of_particles(given, n)
-    columns = np.full(n, state.columns[best])
-    return state._replace(pose=pose, log_w=np.full(n, -np.log(n)), store=store, columns=columns)
+    marks = landmark_store.landmarks(state.store, best)
+    anew = history.drawn_anew(state.history, best, marks, state.scales, _options(assets, params), n, rng)
+    return state._replace(
+        pose=anew.pose,
+        log_w=np.full(n, -np.log(n)),
+        store=state.store if anew.marks is None else landmark_store.of_particles(anew.marks, n),
+        columns=np.full(n, state.columns[best]),
+        scales=anew.scales,
+        history=anew.history,
+    )
+
+
+def _options(assets: Assets, params: Params) -> smooth.Options:
+    return smooth.Options(bool(assets.places), params.calibrate)
+
+
+def _doubt(past: history.Past, state: State, marks: NDArray[np.float64], assets: Assets) -> None:
+    """Say which landmarks do not stay where they are, and where no landmark corrects the odometry."""
+    by_column = {column: name for name, column in state.names.items()}
+    z, _ = smooth.corrected(past.log.z, past.log.step, state.scales)
+    d = past.places[past.log.of] - past.track[past.log.at, :2]
+    e = np.column_stack([np.hypot(*d.T) - z[:, 0], wrap(np.arctan2(*d.T[::-1]) - past.track[past.log.at, 2] - z[:, 1])])
+    squares = np.square(e / past.log.sd).sum(axis=1)
+    for k, column in enumerate(past.columns.tolist()):
+        own = squares[past.log.of == k]
+        if own.size >= _MANY and np.median(own) > _MOVED:
+            name = printable(by_column.get(column, str(column)))
+            far = np.sqrt(np.median(own))
+            note = f"landmark {name!r} does not stay in one place: it is seen {far:.0f} standard deviations off; it counts little"
+            state.loss.add("landmark that moves", note)
+    if not assets.places and np.bincount(past.log.of, minlength=1).max() < 2:
+        state.loss.add("landmarks seen once", "no landmark was seen twice: the track is that of the odometry alone")
 
 
 def finish(state: State, assets: Assets, params: Params) -> Result:
     """Track and landmarks of the end, or what is most probable afterwards."""
-    if not state.history.pose:
+    if not state.history.z:
         raise LogError("no observation tells where the robot is among the known landmarks; two at once are needed")
     best = int(np.argmax(state.log_w))
     marks = landmark_store.landmarks(state.store, best)
     past = history.of_particle(state.history, best, marks)
-    alive, fixed = past.columns, bool(assets.places)
+    _doubt(past, state, marks, assets)
+    alive, options, scales = past.columns, _options(assets, params), state.scales
     if params.smooth:
-        found = smooth.solve(past.log, past.track, past.places, fixed=fixed)
-        if not fixed:
-            marks[alive] = smooth.given_tracks(found.track[None], found.marks, past.log)[0]
-        state.track.replace(found.track)
+        rng = rng_for(0, Purpose.PROPOSAL, 0)
+        found = smooth.solve(past.log, past.track, past.places, scales, options, draws=_DRAWS, rng=rng)
+        scales = found.scales
+        if not options.fixed:
+            marks[alive] = smooth.given_tracks(found.track[None], found.marks, scales, past.log)[0]
+        off = found.draws - found.track
+        off[:, :, 2] = wrap(off[:, :, 2])
+        state.track.replace(found.track, np.einsum("nta,ntb->tab", off, off) / _DRAWS)
     rows = marks[alive]
     by_column = {column: name for name, column in state.names.items()}
     table: dict[str, Any] = {"id": [by_column.get(k, str(k)) for k in alive.tolist()]}
     table |= dict(zip(("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), rows[:, :5].T, strict=True))
     table["sightings"] = np.bincount(past.log.of, minlength=alive.size)
-    summary = {
+    summary: dict[str, Any] = {
         "updates": state.track.updates,
         "landmarks": int(alive.size),
         "resamplings": state.resamplings,
         "particles": params.particles,
         "smoothed": params.smooth,
     }
+    if params.calibrate:
+        summary |= {k: round(float(v), 4) for k, v in zip(smooth.SCALES, 1.0 + scales, strict=True)}
     text = {k: [round(float(v), 4) if k.endswith("_m") else v for v in values] for k, values in table.items()}
     texts = {"landmarks.csv": landmark_csv.text(text)}
     return Result(
@@ -322,7 +371,8 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         summary,
         tables={"landmarks": table},
         texts=texts,
-        given_frame=fixed,
+        given_frame=options.fixed,
+        loss=state.loss,
     )
 
 

@@ -10,24 +10,34 @@ from pfcli.systems.slam_landmarks import smooth
 
 
 class History(NamedTuple):
-    """By observation: step and its spread, detections (z, sd), columns (n, m) that each particle took for them, and the pose
-    (n, 3) of each afterwards."""
+    """By observation: step and its spread, detections (z, sd), and columns (n, m), or (1, m) where all agree, that each particle
+    took for them. Tracks: `settled` (n, t, 3) of the particles that were drawn anew last; since then poses (n, 3) of each
+    observation and, where particles were resampled after it, their parents (n,)."""
 
     step: list[NDArray[np.float64]]
     step_sd: list[NDArray[np.float64]]
     z: list[NDArray[np.float64]]
     sd: list[NDArray[np.float64]]
     column: list[NDArray[np.int32]]
+    settled: NDArray[np.float64]
     pose: list[NDArray[np.float64]]
+    parents: list[NDArray[np.int64] | None]
 
 
 class Past(NamedTuple):
-    """What one particle drove and saw: the problem, its track (t, 3), its landmarks (l, 2) and their columns (l,)."""
+    """What one particle drove and saw: the problem, its track (t, 3), its landmarks (l, 2) and their columns (l,), and which
+    columns it took for each observation."""
 
     log: smooth.Log
     track: NDArray[np.float64]
     places: NDArray[np.float64]
     columns: NDArray[np.int64]
+    taken: list[NDArray[np.int32]]
+
+
+def empty() -> History:
+    """Nothing driven, nothing seen."""
+    return History([], [], [], [], [], np.empty((1, 0, 3)), [], [])
 
 
 def record(
@@ -40,48 +50,69 @@ def record(
     pose: NDArray[np.float64],
 ) -> None:
     """Take note of an observation."""
-    lists: tuple[list[Any], ...] = tuple(history)
-    for rows, row in zip(lists, (step, step_sd, z, sd, column, pose), strict=True):
+    lists: tuple[list[Any], ...] = (*history[:5], history.pose, history.parents)
+    for rows, row in zip(lists, (step, step_sd, z, sd, column, pose, None), strict=True):
         rows.append(row)
 
 
 def choose(history: History, ancestors: NDArray[np.int64]) -> None:
-    """Give each particle the past of its parent."""
-    for k in range(len(history.pose)):
-        history.pose[k], history.column[k] = history.pose[k][ancestors], history.column[k][ancestors]
+    """The particles were resampled after the last observation."""
+    history.parents[-1] = ancestors
 
 
 def of_particle(history: History, i: int, marks: NDArray[np.float64]) -> Past:
     """The past of particle i, whose landmarks are marks (l, FIELDS); those without sightings are none."""
-    column = [c[i] for c in history.column]
+    count, settled = len(history.z), history.settled.shape[1]
+    column: list[NDArray[np.int32]] = [np.empty(0, np.int32)] * count
+    track = np.empty((count, 3))
+    for k in range(count - 1, settled - 1, -1):
+        parents = history.parents[k - settled]
+        i = i if parents is None else int(parents[i])
+        track[k], column[k] = history.pose[k - settled][i], history.column[k][i]
+    track[:settled] = history.settled[i if settled else 0]
+    column[:settled] = [rows[0] for rows in history.column[:settled]]
     alive = np.flatnonzero(marks[:, 5] > 0)
-    at = np.repeat(np.arange(len(history.pose)), [c.size for c in column])
+    at = np.repeat(np.arange(count), [c.size for c in column])
     of, z, sd = np.concatenate(column), np.concatenate(history.z), np.concatenate(history.sd)
     good = np.isin(of, alive)
     log = smooth.Log(
         np.array(history.step[1:]).reshape(-1, 3),
-        np.array(history.step_sd[1:]).reshape(-1, 3),
+        np.array(history.step_sd[1:]).reshape(-1, 4),
         at[good],
         np.searchsorted(alive, of[good]),
         z[good],
         sd[good],
     )
-    return Past(log, np.array([p[i] for p in history.pose]), marks[alive, :2].copy(), alive)
+    return Past(log, track, marks[alive, :2].copy(), alive, column)
+
+
+class Anew(NamedTuple):
+    """Particles drawn anew: pose (n, 3), landmarks (n, l, FIELDS) that belong to their tracks (None where they are fixed), their
+    history, and the scales of `smooth.Solution`."""
+
+    pose: NDArray[np.float64]
+    marks: NDArray[np.float64] | None
+    history: History
+    scales: NDArray[np.float64]
 
 
 def drawn_anew(
-    history: History, best: int, marks: NDArray[np.float64], fixed: bool, n: int, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Poses (n, 3) of particles drawn from the posterior of the whole track near particle `best`, and the landmarks
-    (n, l, FIELDS) that belong to their tracks; None where landmarks are fixed. The history is theirs from now on."""
+    history: History,
+    best: int,
+    marks: NDArray[np.float64],
+    scales: NDArray[np.float64],
+    options: smooth.Options,
+    n: int,
+    rng: np.random.Generator,
+) -> Anew:
+    """n particles from the posterior of the whole track near particle `best`, whose landmarks are marks (l, FIELDS)."""
     past = of_particle(history, best, marks)
-    found = smooth.solve(past.log, past.track, past.places, fixed=fixed, draws=n, rng=rng)
-    for k in range(len(history.pose)):
-        history.pose[k] = np.ascontiguousarray(found.draws[:, k])
-        history.column[k] = np.repeat(history.column[k][best][None], n, axis=0)
-    pose = history.pose[-1].copy()
-    if fixed:
-        return pose, None
+    found = smooth.solve(past.log, past.track, past.places, scales, options, draws=n, rng=rng)
+    column = [c[None] for c in past.taken]
+    fresh = history._replace(column=column, settled=found.draws, pose=[], parents=[])
+    pose = found.draws[:, -1].copy()
+    if options.fixed:
+        return Anew(pose, None, fresh, found.scales)
     given = np.zeros((n, int(past.columns.max()) + 1, FIELDS))
-    given[:, past.columns] = smooth.given_tracks(found.draws, found.marks, past.log)
-    return pose, given
+    given[:, past.columns] = smooth.given_tracks(found.draws, found.marks, found.scales, past.log)
+    return Anew(pose, given, fresh, found.scales)

@@ -86,7 +86,8 @@ def _associate(pose, p, seen, store, i, columns, gates, chosen):  # type: ignore
 
 @inline_kernel
 def _predict(pose, step, sd, prior, q):  # type: ignore[no-untyped-def]
-    """The pose after the step into prior (3,), and the covariance of the step in the map's frame into q (3, 3)."""
+    """The pose after the step into prior (3,), and the covariance of the step in the map's frame into q (3, 3). sd (4,): along,
+    across (m), of turning (rad), and how far behind the pose (m) its errors turn about."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     prior[0] = pose[0] + c * step[0] - s * step[1]
     prior[1] = pose[1] + s * step[0] + c * step[1]
@@ -96,6 +97,13 @@ def _predict(pose, step, sd, prior, q):  # type: ignore[no-untyped-def]
     q[0, 0], q[1, 1] = c * c * v0 + s * s * v1, s * s * v0 + c * c * v1
     q[0, 1] = q[1, 0] = c * s * (v0 - v1)
     q[2, 2] = sd[2] * sd[2]
+    ax, ay = -s * sd[3], c * sd[3]
+    q[0, 0] += ax * ax * q[2, 2]
+    q[0, 1] += ax * ay * q[2, 2]
+    q[1, 1] += ay * ay * q[2, 2]
+    q[1, 0] = q[0, 1]
+    q[0, 2], q[1, 2] = ax * q[2, 2], ay * q[2, 2]
+    q[2, 0], q[2, 1] = q[0, 2], q[1, 2]
 
 
 @kernel
@@ -194,10 +202,11 @@ def _learn(pose, seen, used, store, i, columns, log_false, fixed):  # type: igno
 def observe(pose, log_w, motion, seen, columns, store, draws, options):  # type: ignore[no-untyped-def]
     """Move, associate, propose, weigh and update. Returns the columns (n, m) that each particle took for the detections.
 
-    pose (n, 3), log_w (n,): changed in place; motion: step and sd (3,) since the last observation in the old base frame; seen:
-    z (m, 2) range and bearing, variances (m, 2), known column (m,) of each detection or UNKNOWN; columns (n,): landmarks of
-    each particle, changed in place; draws (n, 3) standard normal; options: version (1, 2), gates to reject and to augment,
-    log density of a false detection, reach (m) within which a landmark must be seen (0: any), and whether landmarks are fixed.
+    pose (n, 3), log_w (n,): changed in place; motion: step (3,) and sd (4,) of `_predict` since the last observation in the old
+    base frame; seen: z (m, 2) range and bearing, variances (m, 2), known column (m,) of each detection or UNKNOWN; columns
+    (n,): landmarks of each particle, changed in place; draws (n, 3) standard normal; options: version (1, 2), gates to reject
+    and to augment, log density of a false detection, reach (m) within which a landmark must be seen (0: any), and whether
+    landmarks are fixed.
     """
     version, reject, augment, log_false, reach, fixed = options
     step, sd = motion

@@ -13,10 +13,6 @@ from pfcli.systems.parameters import (
     SomeXyOfAnyStep,
     SomeYawOfAnyStep,
     Sort,
-    XyPerM,
-    XyPerRad,
-    YawPerM,
-    YawPerRad,
 )
 
 
@@ -45,6 +41,7 @@ class Params:
     augment_gate: Annotated[float, Opt("squared distance beyond which it is of a new one", "", 0.1, 1e6)] = 25.0
     landmark_map: Annotated[str, Opt("CSV with id,x_m,y_m of known landmarks: localisation instead of SLAM")] = ""
     range_sigma_m: Annotated[float, Opt("spread of a range that does not say its own", "m", 1e-4, 100)] = 0.1
+    range_sigma_share: Annotated[float, Opt("and its share of the range", "", 0, 1)] = 0.0
     bearing_sigma_deg: Annotated[float, Opt("spread of a bearing that does not say its own", "deg", 1e-4, 90)] = 1.0
     landmark_range_m: Annotated[float, Opt("use detections up to this range", "m", 0.1, 1e5)] = 100.0
     false_share: Annotated[float, Opt("share of detections that are of nothing", "", 1e-9, 0.99)] = 1e-4
@@ -64,6 +61,9 @@ class Params:
         ),
     ] = 25
     smooth: Annotated[bool, Opt("the track that is most probable afterwards, with its landmarks")] = False
+    calibrate: Annotated[
+        bool, Opt("learn how far the scales of ranges, ways and turns are off, whenever particles are drawn anew")
+    ] = False
     resampler: Resampler = "gdr"
     sort: Sort = "descending"
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share of N", "", 0, 1)] = 0.75
@@ -71,9 +71,21 @@ class Params:
     alpha_yaw_deg: AlphaYaw = 0.02
     dispersal_cap: DispersalCap = 9.0
     disperse_first: DisperseFirst = False
-    motion_xy_per_m: XyPerM = 0.1
-    motion_xy_per_rad_m: XyPerRad = 0.02
+    motion_xy_per_root_m: Annotated[
+        float, Opt("odometry: position error of a metre, growing with the root of the way", "m", 0, 10)
+    ] = 0.05
     motion_xy_m: SomeXyOfAnyStep = 0.005
-    motion_yaw_per_rad: YawPerRad = 0.1
-    motion_yaw_per_m_rad: YawPerM = 0.02
+    motion_yaw_per_root_m: Annotated[
+        float, Opt("odometry: heading error of a metre, growing with the root of the way", "rad", 0, 10)
+    ] = 0.02
+    motion_yaw_per_root_rad: Annotated[
+        float, Opt("odometry: heading error of a radian, growing with the root of the turn", "rad", 0, 10)
+    ] = 0.1
     motion_yaw_rad: SomeYawOfAnyStep = 0.003
+    motion_across_share: Annotated[
+        float,
+        Opt("errors across the way as a share of those along it: a wheeled robot hardly slips sideways", "", 1e-3, 100),
+    ] = 1.0
+    motion_pivot_m: Annotated[
+        float, Opt("errors of turning are about a point so far behind: a car's rear axle", "m", 0, 100)
+    ] = 0.0
