@@ -20,6 +20,11 @@ _COMMANDS = {
         "pfcli.commands.calibrate_omni:calibrate_omni",
         "A robot's wheels and the spread of its line points, from a log with truth.",
     ),
+    "batch": ("pfcli.commands.batch:batch", "Logs x systems x parameters x seeds, on all cores or a cluster."),
+    "summarize": (
+        "pfcli.commands.summarize:summarize",
+        "What a batch found: one table, the best parameters, what got worse.",
+    ),
     "table": ("pfcli.commands.table:table", "The range table of a map, as localize-lookup uses it."),
     "params": ("pfcli.commands.params:params", "A system's parameters as TOML."),
 }

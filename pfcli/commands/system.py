@@ -1,13 +1,14 @@
 """The command of a system: replay logs through it and write the results."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pfcli import registry
 from pfcli.drive_options import drive_of
+from pfcli.errors import UsageError
 from pfcli.options import (
     build_params,
     initial_of,
@@ -17,6 +18,9 @@ from pfcli.options import (
     system_options,
 )
 from pfcli.outputs import check, check_kind, interrupt_on_terminate, output_dir
+
+if TYPE_CHECKING:
+    from pfcli import run
 
 
 def command(name: str) -> click.Command:
@@ -61,9 +65,7 @@ def command(name: str) -> click.Command:
     @localiser_options(name)
     @system_options(params, second)
     def system_command(**given: Any) -> int:
-        if second is not None and given["landmarks"]:
-            return _run(registry.LANDMARKS[name], second, given, params)
-        return _run(name, params, given, second)
+        return _run(name, given)
 
     return system_command
 
@@ -73,18 +75,19 @@ def _landmarks_option(wanted: bool) -> Callable[[Any], Any]:
     return flag if wanted else lambda command: command
 
 
-def _run(name: str, params: type, given: dict[str, Any], other: type | None) -> int:
+def job_of(name: str, given: dict[str, Any]) -> "run.Job":
+    """The job that the command `name` with these options runs."""
+    params, other = registry.params_class(name), None
+    if name in registry.LANDMARKS:
+        other = registry.params_class(registry.LANDMARKS[name])
+        if given["landmarks"]:
+            name, params, other = registry.LANDMARKS[name], other, params
     built = build_params(params, given, given["params_file"], other)
     settings = settings_of(given)
-    check(given["out"], force=given["force"])
-    if given["plot"] is not None:
-        check_kind(given["plot"])
-    interrupt_on_terminate()
 
     from pfcli import run
-    from pfcli.commands.show import emit, lost
 
-    job = run.Job(
+    return run.Job(
         registry.system(name),
         built,
         given["logs"],
@@ -98,6 +101,27 @@ def _run(name: str, params: type, given: dict[str, Any], other: type | None) -> 
         given.get("map_file"),
         initial_of(given),
     )
+
+
+def parsed(name: str, words: Sequence[str]) -> "run.Job":
+    """The job of `pfcli NAME WORDS`. Raises UsageError where that would be refused."""
+    try:
+        with command(name).make_context(f"pfcli {name}", list(words)) as context:
+            return job_of(name, context.params)
+    except click.ClickException as error:
+        raise UsageError(f"{name}: {error.format_message()}") from None
+
+
+def _run(name: str, given: dict[str, Any]) -> int:
+    check(given["out"], force=given["force"])
+    if given["plot"] is not None:
+        check_kind(given["plot"])
+    interrupt_on_terminate()
+    job = job_of(name, given)
+
+    from pfcli import run
+    from pfcli.commands.show import emit, lost
+
     done = run.execute(job)
     with output_dir(given["out"], force=given["force"]) as folder:
         summary = run.write(folder, job, done)
@@ -108,7 +132,7 @@ def _run(name: str, params: type, given: dict[str, Any], other: type | None) -> 
     if given["plot"] is not None:
         from pfcli.report.plots import draw
 
-        draw(given["plot"], done.result, name)
+        draw(given["plot"], done.result, job.system.name)
     emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"], job.system.readings), given["as_json"])
     return lost(summary["lost"], summary["notes"], given["quiet"])
 

@@ -1,9 +1,11 @@
 """Parquet tables with units in the field metadata and what determines them in the file metadata."""
 
 import json
+import os
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError, OutputError, reason
 
 _UNITS = (
     ("_ns", "ns"),
@@ -38,6 +40,29 @@ def write(path: Path, columns: Mapping[str, Any], provenance: Mapping[str, objec
         arrays.append(array)
     schema = pa.schema(fields, metadata={"pfcli": json.dumps(provenance, sort_keys=True)})
     pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd", version="2.6")
+
+
+_KINDS = {"text": pa.string(), "int": pa.int64(), "float": pa.float64()}
+
+
+@contextmanager
+def rows_writer(path: Path, kinds: Mapping[str, str]) -> Iterator[Callable[[Sequence[Mapping[str, Any]]], None]]:
+    """What writes rows, some at a time, into a table with columns of these kinds (text, int, float); a row may lack some. The
+    file appears when the block ends without an error. Raises OutputError."""
+    schema = pa.schema([pa.field(name, _KINDS[kind], metadata={"unit": unit_of(name)}) for name, kind in kinds.items()])
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with pq.ParquetWriter(partial, schema, compression="zstd", version="2.6") as out:
+
+            def write_rows(rows: Sequence[Mapping[str, Any]]) -> None:
+                out.write_batch(pa.RecordBatch.from_pylist([dict(row) for row in rows], schema))
+
+            yield write_rows
+        os.replace(partial, path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({reason(error)})") from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def columns_of(rows: Sequence[Any], kind: type) -> dict[str, Any]:

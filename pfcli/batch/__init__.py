@@ -1,0 +1,1 @@
+"""Many logs, systems, parameters and seeds: what to run, who runs it, and what came out."""

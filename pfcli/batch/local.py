@@ -1,0 +1,169 @@
+"""Jobs in worker processes of this machine: each with one thread, a limit of time and of memory; one that dies takes only its
+job with it."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from collections import deque
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pfcli.batch.manifest import Task
+from pfcli.batch.tally import Tally
+from pfcli.batch.worker import fault, perform
+
+_LOOK_S, _TRIES, _TAIL = 0.25, 2, 4000
+
+
+class Limits(NamedTuple):
+    """Of one job: wall-clock (s) and resident memory (MB); 0: none."""
+
+    seconds: float = 0.0
+    megabytes: float = 0.0
+
+
+def _serve(line: Connection, log: str) -> None:
+    """A worker: jobs in, exit codes or reasons out."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    # what libraries print belongs to the job, and a crash of native code leaves its last words there
+    target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(target, 2)
+    os.dup2(target, 1)
+    while True:
+        try:
+            job = line.recv()
+        except EOFError:
+            return
+        os.ftruncate(target, 0)
+        os.lseek(target, 0, os.SEEK_SET)
+        try:
+            answer: tuple[int, str] = perform(*job), ""
+        except Exception as error:
+            answer = 1, fault(error)
+        try:
+            line.send(answer)
+        except BrokenPipeError:
+            return
+
+
+class _Worker:
+    """A worker process, and the job that it has."""
+
+    def __init__(self, log: Path) -> None:
+        self._log = log
+        self.task: Task | None = None
+        self.began = 0.0
+        context = multiprocessing.get_context("spawn")
+        self.line, far = context.Pipe()
+        self.process = context.Process(target=_serve, args=(far, str(log)), daemon=True)
+        self.process.start()
+        far.close()
+
+    def give(self, task: Task, target: Path) -> None:
+        self.task, self.began = task, time.monotonic()
+        self.line.send((task.system, task.words, task.record(), target))
+
+    def over(self, limits: Limits) -> str:
+        """Which limit the job is over, if any."""
+        if limits.seconds and time.monotonic() - self.began > limits.seconds:
+            return f"took longer than --timeout {limits.seconds:g} s"
+        if limits.megabytes and _resident_mb(self.process.pid) > limits.megabytes:
+            return f"needed more than --memory {limits.megabytes:g} MB"
+        return ""
+
+    def kill(self) -> str:
+        """End the process; returns what it said last."""
+        self.process.kill()
+        self.process.join()
+        self.line.close()
+        try:
+            return self._log.read_text(errors="replace")[-_TAIL:]
+        except OSError:
+            return ""
+
+
+def _resident_mb(pid: int | None) -> float:
+    """Resident memory of a process; 0 where the system does not tell."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except (OSError, ValueError, IndexError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def run_local(tasks: list[Task], tally: Tally, workers: int, limits: Limits) -> None:
+    """Run all jobs; what came of each is in the tally."""
+    queue: deque[tuple[Task, int]] = deque((task, 1) for task in tasks)
+    tries: dict[str, int] = {}
+    logs = tally.out / ".workers"
+    logs.mkdir(parents=True, exist_ok=True)
+    pool: list[_Worker] = []
+
+    def started(k: int) -> _Worker:
+        return _Worker(logs / f"{os.getpid()}-{k}.log")
+
+    def lost(k: int, why: str) -> None:
+        """A worker is no more: its job is tried once again, then left."""
+        worker = pool[k]
+        task, said = worker.task, worker.kill()
+        assert task is not None
+        pool[k] = started(k)
+        if tries[task.key] < _TRIES:
+            queue.append((task, tries[task.key] + 1))
+        else:
+            tally.fail(task, why, said)
+
+    try:
+        pool = [started(k) for k in range(min(workers, len(tasks)))]
+        while queue or any(worker.task for worker in pool):
+            for worker in pool:
+                if worker.task is None and queue:
+                    task, tries_now = queue.popleft()
+                    tries[task.key] = tries_now
+                    _give(worker, task, tally)
+            waiting: list[Any] = [worker.line for worker in pool if worker.task is not None]
+            wait(waiting, _LOOK_S)
+            for k, worker in enumerate(pool):
+                if worker.task is None:
+                    continue
+                if worker.line.poll():
+                    _hear(k, worker, tally, lost)
+                elif not worker.process.is_alive():
+                    lost(k, f"its worker died (exit code {worker.process.exitcode})")
+                elif why := worker.over(limits):
+                    lost(k, why)
+    finally:
+        for worker in pool:
+            worker.kill()
+        for log in logs.glob(f"{os.getpid()}-*.log"):
+            log.unlink(missing_ok=True)
+        if not any(logs.iterdir()):
+            logs.rmdir()
+
+
+def _give(worker: _Worker, task: Task, tally: Tally) -> None:
+    try:
+        worker.give(task, tally.target(task))
+    except OSError as error:
+        # it died while it had nothing to do; the loop sees that
+        print(f"pfcli: a worker is gone ({error})", file=sys.stderr)
+
+
+def _hear(k: int, worker: _Worker, tally: Tally, lost: Any) -> None:
+    task = worker.task
+    assert task is not None
+    try:
+        code, why = worker.line.recv()
+    except (EOFError, OSError):
+        worker.process.join(5)
+        lost(k, f"its worker died (exit code {worker.process.exitcode})")
+        return
+    worker.task = None
+    if why:
+        tally.fail(task, why)
+    else:
+        tally.succeed(task, code)

@@ -1,0 +1,161 @@
+"""A sweep file, and the jobs that it means.
+
+logs = ["*.mcap"]                 # globs, beside the file
+systems = ["slam-gdr"]
+seeds = 10                        # 0 .. 9; or a list
+[options]                         # flags of the systems, without their dashes; {log}: the log without its ending
+truth = "auto"
+[options.localize-partial]        # of one system
+map = "{log}-partial.yaml"
+[grid]                            # every combination; [grid.SYSTEM] of one system
+particles = [5, 20]
+[[points]]                        # each of these, combined with the grid
+resampler = "csw"
+"""
+
+import glob
+import hashlib
+import itertools
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pfcli.clicks import read_toml
+from pfcli.errors import PfcliError, UsageError
+from pfcli.registry import SUMMARY
+
+_FIELDS = ("logs", "systems", "seeds", "options", "grid", "points")
+_OURS = ("out", "force", "json", "quiet", "progress", "seed", "threads", "plot", "overlay")
+
+
+class Task(NamedTuple):
+    """One run. words: of its command line, after the system; point: what the sweep varies; key: hash of what determines it."""
+
+    key: str
+    system: str
+    log: str
+    seed: int
+    point: dict[str, Any]
+    words: tuple[str, ...]
+
+    def record(self) -> dict[str, Any]:
+        """What the job's folder says of itself."""
+        return {
+            "system": self.system,
+            "log": self.log,
+            "seed": self.seed,
+            "point": self.point,
+            "words": list(self.words),
+        }
+
+
+def read(path: Path) -> list[Task]:
+    """The jobs of a sweep file, in the order of their keys; every option is checked. Raises UsageError."""
+    given = read_toml(path, "sweep")
+    unknown = sorted(set(given) - set(_FIELDS))
+    if unknown:
+        raise UsageError(f"{path}: field {unknown[0]!r} is unknown; known: {', '.join(_FIELDS)}")
+    found: dict[str, Task] = {}
+    for system in _systems(path, given):
+        for log in _logs(path, given):
+            for point in _points(path, given, system):
+                words = (log, *_words(path, _of(given.get("options", {}), system) | point, Path(log)))
+                for seed in _seeds(path, given):
+                    task = _task(path, system, log, seed, point, words)
+                    found.setdefault(task.key, task)
+    return [found[key] for key in sorted(found)]
+
+
+def shard(tasks: list[Task], text: str) -> list[Task]:
+    """The i-th of n parts (`i/n`) of the jobs. Raises UsageError."""
+    first, _, count = text.partition("/")
+    if not (first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
+        raise UsageError(f"--shard {text}: expected I/N with 1 <= I <= N")
+    return tasks[int(first) - 1 :: int(count)]
+
+
+def _task(path: Path, system: str, log: str, seed: int, point: dict[str, Any], words: tuple[str, ...]) -> Task:
+    from pfcli.commands.system import parsed
+    from pfcli.run import provenance
+
+    words = (*words, "--seed", str(seed), "--threads", "1", "--progress", "never")
+    try:
+        job = parsed(system, (*words, "--out", "."))
+        meaning = {**provenance(job), "truth": job.truth}
+    except (PfcliError, OSError) as error:
+        raise UsageError(f"{path}: {error}") from None
+    key = hashlib.sha256(json.dumps(meaning, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    return Task(key, system, Path(log).name, seed, point, words)
+
+
+def _list(path: Path, given: dict[str, Any], name: str) -> list[str]:
+    values = given.get(name)
+    if not isinstance(values, list) or not values or not all(isinstance(v, str) for v in values):
+        raise UsageError(f"{path}: field {name!r} must be a list of names")
+    return values
+
+
+def _systems(path: Path, given: dict[str, Any]) -> list[str]:
+    names = _list(path, given, "systems")
+    for name in names:
+        if name not in SUMMARY:
+            raise UsageError(f"{path}: field 'systems': {name!r} is none of {', '.join(SUMMARY)}")
+    return names
+
+
+def _logs(path: Path, given: dict[str, Any]) -> list[str]:
+    found: dict[str, None] = {}
+    for pattern in _list(path, given, "logs"):
+        here = sorted(glob.glob(str(path.parent.absolute() / pattern), recursive=True))
+        if not here:
+            raise UsageError(f"{path}: field 'logs': nothing is called {pattern} beside it")
+        found |= dict.fromkeys(here)
+    return list(found)
+
+
+def _seeds(path: Path, given: dict[str, Any]) -> list[int]:
+    seeds = given.get("seeds", 1)
+    many = list(range(seeds)) if isinstance(seeds, int) and not isinstance(seeds, bool) else seeds
+    if not isinstance(many, list) or not many or not all(type(s) is int and s >= 0 for s in many):
+        raise UsageError(f"{path}: field 'seeds' must be a number of seeds, or a list of them")
+    return many
+
+
+def _of(table: dict[str, Any], system: str) -> dict[str, Any]:
+    """Entries for all systems, and those of this one over them."""
+    own = table.get(system, {})
+    return {k: v for k, v in table.items() if not isinstance(v, dict)} | (own if isinstance(own, dict) else {})
+
+
+def _points(path: Path, given: dict[str, Any], system: str) -> Iterator[dict[str, Any]]:
+    grid, points = given.get("grid", {}), given.get("points", [{}])
+    tables = [*(points if isinstance(points, list) else [None]), grid, given.get("options", {})]
+    if not all(isinstance(table, dict) for table in tables):
+        raise UsageError(f"{path}: 'options' and 'grid' must be tables, 'points' a list of them")
+    for table in (grid, given.get("options", {})):
+        for name, value in table.items():
+            if isinstance(value, dict) and name not in SUMMARY:
+                raise UsageError(f"{path}: table {name!r} is named like no system")
+    axes = _of(grid, system)
+    for name, values in axes.items():
+        if not isinstance(values, list) or not values:
+            raise UsageError(f"{path}: field 'grid.{name}' must be a list of values")
+    for combination in itertools.product(*axes.values()):
+        for more in points:
+            yield dict(zip(axes, combination, strict=True)) | more
+
+
+def _words(path: Path, options: dict[str, Any], log: Path) -> Iterator[str]:
+    """Options as words of a command line; files beside the sweep file get their full path."""
+    for name, value in options.items():
+        flag = name.replace("_", "-")
+        if flag in _OURS:
+            raise UsageError(f"{path}: option {name!r} belongs to the sweep; see 'seeds', or pfcli batch --help")
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, bool):
+                yield f"--{flag}" if item else f"--no-{flag}"
+                continue
+            text = str(item).replace("{log}", str(log.with_suffix("")))
+            beside = path.parent.absolute() / text
+            yield from (f"--{flag}", str(beside) if isinstance(item, str) and beside.is_file() else text)

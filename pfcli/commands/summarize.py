@@ -1,0 +1,99 @@
+"""`pfcli summarize DIR`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pfcli.clicks import Finite
+from pfcli.errors import EXIT_DONE, EXIT_FAILED, UsageError
+
+_USUAL = ("truth.ate_m", "ms_per_update", "updates")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option(
+    "--metric", default=None, help="A number of run.json, such as truth.ate_m.  (default: truth.ate_m if it is there)"
+)
+@click.option("--higher-is-better", is_flag=True, help="What the metric means.")
+@click.option("--baseline", type=click.Path(path_type=Path), default=None, help="Another batch to compare with.")
+@click.option(
+    "--tolerance",
+    type=Finite(0, 1e6),
+    default=0.1,
+    show_default=True,
+    help="Worse by more than this share is a failure.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=None, help="Parquet file (default: summary.parquet in DIR)."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+def summarize(folder: Path, **given: Any) -> int:
+    """One row for every job of a batch in summary.parquet, and a table over the seeds.
+
+    With --baseline: what got better or worse; exit code 1 if something got worse beyond the tolerance, or is missing.
+
+    Example: pfcli summarize out/sweep --baseline out/sweep-of-main
+    """
+    from pfcli.batch import summary
+
+    target = given["out"] or folder / "summary.parquet"
+    numbers = summary.write(folder, target)
+    metric = given["metric"] or next((name for name in _USUAL if name in numbers), "")
+    if metric not in numbers:
+        have = ", ".join(numbers) or "no job is done"
+        raise UsageError(f"--metric {metric}: {folder} has no such number, but {have}")
+    found = summary.groups(folder, metric)
+    table = [{**_named(group), **summary.spread(list(values.values()))._asdict()} for group, values in found.items()]
+    result: dict[str, Any] = {"out": str(target), "metric": metric, "groups": table, "failed": summary.failures(folder)}
+    best = summary.best(found, higher=given["higher_is_better"])
+    result["best"] = {system: {"point": dict(point), "mean": mean} for system, (point, mean) in best.items()}
+    code = EXIT_DONE
+    if given["baseline"] is not None:
+        before = summary.groups(given["baseline"], metric)
+        changes = summary.changes(found, before, higher=given["higher_is_better"])
+        gone = sorted(before.keys() - found.keys())
+        if not changes and not gone:
+            raise UsageError(f"--baseline {given['baseline']}: has no job of the same log, system and parameters")
+        result["changes"] = [{**_named(c.group), **c._asdict(), "group": None} for c in changes]
+        for change in result["changes"]:
+            del change["group"]
+        result["missing"] = [_named(group) for group in gone]
+        if gone or any(c.worse > given["tolerance"] for c in changes):
+            code = EXIT_FAILED
+    if given["as_json"]:
+        click.echo(json.dumps(result))
+    else:
+        click.echo("\n".join(_lines(result, given["tolerance"])))
+    return code
+
+
+def _named(group: Any) -> dict[str, Any]:
+    return {"system": group.system, "log": group.log, "point": dict(group.point)}
+
+
+def _label(row: dict[str, Any]) -> str:
+    return " ".join([row["system"], row["log"], *(f"{k}={v}" for k, v in row["point"].items())])
+
+
+def _lines(result: dict[str, Any], tolerance: float) -> list[str]:
+    width = max((len(_label(row)) for row in result["groups"]), default=0)
+    lines = [f"{result['metric']:{width}}      n        mean      median   95 % of the mean"]
+    for row in result["groups"]:
+        interval = f"{row['low']:.5g} .. {row['high']:.5g}" if row["n"] > 1 else "-"
+        lines.append(f"{_label(row):{width}} {row['n']:6d} {row['mean']:11.5g} {row['median']:11.5g}   {interval}")
+    for system, row in result["best"].items():
+        point = " ".join(f"{k}={v}" for k, v in row["point"].items())
+        lines.append(f"best of {system}: {point} (mean over logs {row['mean']:.5g})")
+    for row in result["failed"]:
+        lines.append(f"failed: {_label(row)} seed {row['seed']}: {row['why']}")
+    for row in result.get("changes", []):
+        word = "worse" if row["worse"] > tolerance else "better" if row["worse"] < -tolerance else "same"
+        lines.append(
+            f"{word}: {_label(row)}: {row['old']:.5g} -> {row['new']:.5g} ({row['worse']:+.1%}, {row['seeds']} seeds)"
+        )
+    lines += [f"missing: {_label(row)}" for row in result.get("missing", [])]
+    lines.append(f"{result['out']}: {sum(row['n'] for row in result['groups'])} jobs, {len(result['failed'])} failed")
+    return lines
