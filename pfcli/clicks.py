@@ -1,7 +1,13 @@
 """What the command-line options of several modules are made of."""
 
+import atexit
 import math
+import shutil
+import sys
+import tempfile
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +27,38 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+class Readable(click.Path):
+    """A file to read; `-`: standard input, which is kept in a file for as long as the command runs."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Standard input is read here, as a whole, for logs are read more than once."""
+        if str(value) != "-":
+            return super().convert(value, param, ctx)
+        folder = tempfile.mkdtemp(prefix="pfcli-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        path = Path(folder) / "stdin"
+        with open(path, "wb") as out:
+            shutil.copyfileobj(sys.stdin.buffer, out)
+        return path
+
+
+@contextmanager
+def streamed(target: Path) -> Iterator[Path]:
+    """The file to write; for `-` one whose bytes go to standard output in the end, and what is said to standard error."""
+    if str(target) != "-":
+        yield target
+        return
+    with tempfile.TemporaryDirectory(prefix="pfcli-") as folder:
+        path, out = Path(folder) / "stdout.mcap", sys.stdout
+        with redirect_stdout(sys.stderr):
+            yield path
+        with open(path, "rb") as written:
+            shutil.copyfileobj(written, out.buffer)
 
 
 def read_toml(path: Path, flag: str) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import gc
 import hashlib
 import time
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -243,6 +244,13 @@ def vars_of(params: Any) -> dict[str, Any]:
 
 def digest(path: Path) -> str:
     """SHA-256 of a file."""
+    now = path.stat()
+    return _digest(path.absolute(), now.st_size, now.st_mtime_ns)
+
+
+@lru_cache(maxsize=4096)
+def _digest(path: Path, size: int, mtime_ns: int) -> str:
+    """A sweep asks for the same log with every set of parameters."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

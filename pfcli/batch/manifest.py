@@ -61,8 +61,7 @@ def read(path: Path) -> list[Task]:
         for log in _logs(path, given):
             for point in _points(path, given, system):
                 words = (log, *_words(path, _of(given.get("options", {}), system) | point, Path(log)))
-                for seed in _seeds(path, given):
-                    task = _task(path, system, log, seed, point, words)
+                for task in _tasks(path, system, log, _seeds(path, given), point, words):
                     found.setdefault(task.key, task)
     return [found[key] for key in sorted(found)]
 
@@ -75,18 +74,23 @@ def shard(tasks: list[Task], text: str) -> list[Task]:
     return tasks[int(first) - 1 :: int(count)]
 
 
-def _task(path: Path, system: str, log: str, seed: int, point: dict[str, Any], words: tuple[str, ...]) -> Task:
+def _tasks(
+    path: Path, system: str, log: str, seeds: list[int], point: dict[str, Any], words: tuple[str, ...]
+) -> Iterator[Task]:
+    """A job for each seed; what else determines it is looked up once."""
     from pfcli.commands.system import parsed
     from pfcli.run import provenance
 
-    words = (*words, "--seed", str(seed), "--threads", "1", "--progress", "never")
+    words = (*words, "--threads", "1", "--progress", "never")
     try:
         job = parsed(system, (*words, "--out", "."))
         meaning = {**provenance(job), "truth": job.truth}
     except (PfcliError, OSError) as error:
         raise UsageError(f"{path}: {error}") from None
-    key = hashlib.sha256(json.dumps(meaning, sort_keys=True, default=str).encode()).hexdigest()[:16]
-    return Task(key, system, Path(log).name, seed, point, words)
+    for seed in seeds:
+        text = json.dumps({**meaning, "seed": seed}, sort_keys=True, default=str)
+        key = hashlib.sha256(text.encode()).hexdigest()[:16]
+        yield Task(key, system, Path(log).name, seed, point, (*words, "--seed", str(seed)))
 
 
 def _list(path: Path, given: dict[str, Any], name: str) -> list[str]:

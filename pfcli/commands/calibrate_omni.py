@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pfcli.clicks import Readable
 from pfcli.drive_options import drive_of, drive_toml
 from pfcli.errors import LogError, UsageError
 from pfcli.options import reading_options, settings_of
@@ -20,7 +21,7 @@ _LEAST_ROWS = 50
 
 
 @click.command("calibrate-omni")
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("logs", nargs=-1, required=True, type=Readable())
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for drive.toml and params.toml.")
 @click.option(
     "--test", "tests", multiple=True, type=click.Path(path_type=Path), help="Log to judge the result by; repeatable."

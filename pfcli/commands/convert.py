@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pfcli.clicks import Finite
+from pfcli.clicks import Finite, streamed
 from pfcli.errors import LogError, UsageError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def convert(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Convert SOURCE to an MCAP log.
+    """Convert SOURCE to an MCAP log; TARGET `-`: to standard output.
 
     SOURCE: CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3; tinySLAM .dat, the folder of a LEGO
     robot, a tricycle's .txt or OptiOdom's .csv, whose wheel ticks stay ticks; a frame of field lines (Falcons' .json,
@@ -59,6 +59,20 @@ def convert(
 
     Example: pfcli convert intel.clf.bz2 intel.mcap
     """
+    with streamed(target) as place:
+        return _written(source, place, range_max, range_scale, repair_stamps, compression, force, as_json)
+
+
+def _written(
+    source: Path,
+    target: Path,
+    range_max: float | None,
+    range_scale: float,
+    repair_stamps: bool,
+    compression: str,
+    force: bool,
+    as_json: bool,
+) -> int:
     from pfcli.commands.show import emit, lost, say
     from pfcli.formats import landmarklogs, lineframes, rosbag, ticklogs
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import click
 
+from pfcli.clicks import Readable
 from pfcli.errors import LogError, UsageError
 
 
 @click.command()
-@click.argument("track", type=click.Path(path_type=Path))
+@click.argument("track", type=Readable())
 @click.option("--relations", type=click.Path(path_type=Path), help="Relations file: t1 t2 x y z roll pitch yaw.")
 @click.option(
     "--stamps",

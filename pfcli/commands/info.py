@@ -7,13 +7,14 @@ from typing import Any
 import click
 
 from pfcli import registry
+from pfcli.clicks import Readable
 
 
 @click.command()
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("logs", nargs=-1, required=True, type=Readable())
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per log.")
 def info(logs: tuple[Path, ...], as_json: bool) -> int:
-    """What each LOG holds: topics, types, counts, rates, gaps, span, and which systems can run on it.
+    """What each LOG holds: topics, types, counts, rates, gaps, span, and which systems can run on it. `-`: standard input.
 
     Example: pfcli info --json *.mcap | jq -r '.log + " " + (.span_s | tostring)'
     """

@@ -1,12 +1,14 @@
 """The command of a system: replay logs through it and write the results."""
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pfcli import registry
+from pfcli.clicks import Readable
 from pfcli.drive_options import drive_of
 from pfcli.errors import UsageError
 from pfcli.options import (
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from pfcli import run
 
 
+@cache
 def command(name: str) -> click.Command:
     """The click command of the system `name`; its kernels are imported only when it runs."""
     params = registry.params_class(name)
@@ -30,7 +33,7 @@ def command(name: str) -> click.Command:
     example = " --map map.yaml" if name in registry.MAPPED else ""
 
     @click.command(name, help=f"{registry.SUMMARY[name]}\n\nExample: pfcli {name} log.mcap{example} --out out/run")
-    @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+    @click.argument("logs", nargs=-1, required=True, type=Readable())
     @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
     @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
     @click.option(

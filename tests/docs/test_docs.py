@@ -1,11 +1,14 @@
 """Documentation that runs and stays current."""
 
 import re
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -36,6 +39,32 @@ def test_python_examples_run(tmp_path: Path, pfcli: object, sample: object) -> N
         ran = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert ran.returncode == 0, ran.stderr
     assert "/odom" in pfcli("info", tmp_path / "robot.mcap").stdout  # type: ignore[operator]
+
+
+def test_the_shell_examples_of_batches_run(tmp_path: Path) -> None:
+    for name in ("sample_logs", "docs"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    page = (ROOT / "docs/batch.md").read_text()
+    sweep = re.search(r"```toml\n# docs/batch/sweep.toml\n(.*?)```", page, re.S)
+    assert sweep is not None
+    assert tomllib.loads(sweep[1]) == tomllib.loads((ROOT / "docs/batch/sweep.toml").read_text())
+    blocks = re.findall(r"```sh\n(.*?)```", page, re.S)
+    assert len(blocks) == 3
+    if shutil.which("jq") is None:
+        pytest.skip("jq is not there")
+    script = f"set -euo pipefail\npfcli() {{ {sys.executable} -c 'from pfcli.cli import run; run()' \"$@\"; }}\nexport -f pfcli\n"
+    script += "\n".join(blocks).replace("xargs -P 2 -I {} pfcli", "xargs -P 2 -I {} bash -c 'pfcli \"$@\"' -")
+    ran = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert "6 of 6 jobs done" in ran.stdout
+    assert (tmp_path / "out/one/landmarks.csv").is_file()
+
+
+def test_the_files_for_clusters_are_well_formed() -> None:
+    gate = yaml.safe_load((ROOT / "docs/batch/gate.yml").read_text())
+    assert gate["jobs"]["compare"]["needs"] == "sweep"
+    checked = subprocess.run(["sh", "-n", ROOT / "docs/batch/array.slurm"], capture_output=True, check=False)
+    assert checked.returncode == 0
 
 
 def test_every_metric_of_a_run_is_declared_with_a_known_unit() -> None:
