@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from pfcli.core.motion import wheels
 from pfcli.errors import UsageError
-from pfcli.events import Event, Odometry, Ticks, Twist, Wheels, YawRate
+from pfcli.events import Event, Odometry, Steering, Ticks, Twist, Wheels, YawRate
 from pfcli.loss import Loss
 
 SECOND = 1_000_000_000
 BASES = ("differential", "omni", "mecanum")
 _CORNERS = (("front", "left"), ("front", "right"), ("rear", "left"), ("rear", "right"))
 
+_UPRIGHT_RAD = 1.5
 _FASTEST_MPS, _SHORTEST_S = 30.0, 0.1
 """No wheel of a robot runs faster; stamps of one burst may be nearer to each other than the motion they report."""
 
@@ -117,11 +118,27 @@ class DeadReckoning:
                 self._speed = event.vx_mps
                 return None
             return self._integrate(event.stamp_ns, (event.vx_mps, event.vy_mps, event.yaw_rate_radps))
+        if isinstance(event, Steering):
+            return self._steer(event)
         if isinstance(event, YawRate):
             return self._integrate(event.stamp_ns, (self._speed, 0.0, event.yaw_rate_radps))
         if isinstance(event, Wheels | Ticks):
             return self._roll(event)
         return None
+
+    def _steer(self, event: Steering) -> Odometry | None:
+        """A car rolls about the point where its axles meet; the pose is its rear axle's."""
+        wheelbase = self._drive.axles_m
+        if self._source == "imu":
+            self._speed = event.speed_mps
+            return None
+        if wheelbase <= 0.0:
+            raise UsageError("motion from speed and steering angle needs --axle-distance-m (> 0), the car's wheelbase")
+        if not abs(event.angle_rad) < _UPRIGHT_RAD:
+            self._loss.add("steering angle", "steering angles of 86 degrees and more, or none, are left out")
+            return None
+        yaw_rate = event.speed_mps * math.tan(event.angle_rad) / wheelbase
+        return self._integrate(event.stamp_ns, (event.speed_mps, 0.0, yaw_rate))
 
     def _integrate(self, stamp_ns: int, speed: tuple[float, float, float]) -> Odometry | None:
         """Mean speed over the interval, midpoint heading."""

@@ -96,7 +96,7 @@ def wheel_options(command: Callable[..., Any]) -> Callable[..., Any]:
                 "--axle-distance-m",
                 type=Finite(0, 100),
                 default=None,
-                help="Mecanum: distance of front and rear axle [m].",
+                help="Distance of front and rear axle [m]: of a mecanum base, or of a car that is steered.",
             ),
             click.option(
                 "--wheel-arm-m", type=Finite(0, 100), default=None, help="Omni: from the centre to a wheel [m]."

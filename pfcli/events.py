@@ -35,6 +35,14 @@ class Twist(NamedTuple):
     yaw_rate_radps: float
 
 
+class Steering(NamedTuple):
+    """A car's speed at its rear axle (m/s) and the angle of its front wheels (rad, positive to the left)."""
+
+    stamp_ns: int
+    speed_mps: float
+    angle_rad: float
+
+
 class Wheels(NamedTuple):
     """Wheel angles (rad, cumulative) and speeds (rad/s), NaN where the log has none; names in the log's order."""
 
@@ -188,6 +196,7 @@ class SourceStamp(NamedTuple):
 Event = (
     Odometry
     | Twist
+    | Steering
     | Wheels
     | Ticks
     | Heading

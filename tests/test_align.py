@@ -8,7 +8,20 @@ import pytest
 from pfcli.align import rounds, sweeps
 from pfcli.dead_reckoning import DeadReckoning, Drive
 from pfcli.errors import UsageError
-from pfcli.events import Event, Odometry, Pose2, Range, Ranges, Scan, SourceStamp, Ticks, Twist, Wheels, YawRate
+from pfcli.events import (
+    Event,
+    Odometry,
+    Pose2,
+    Range,
+    Ranges,
+    Scan,
+    SourceStamp,
+    Steering,
+    Ticks,
+    Twist,
+    Wheels,
+    YawRate,
+)
 from pfcli.loss import Loss
 
 S = 1_000_000_000
@@ -51,6 +64,22 @@ def test_without_any_motion_every_scan_is_counted() -> None:
     loss = Loss()
     assert list(sweeps([_scan(0), _scan(1)], "odometry", Drive(), loss)) == []
     assert dict(loss.counts) == {"scan without odometry": 2}
+
+
+def test_a_car_drives_the_circle_that_its_wheels_ask_for() -> None:
+    """Wheelbase 2 m, steering 30 degrees: a radius of 2 / tan 30; half the circle ends straight across."""
+    loss, radius = Loss(), 2.0 / math.tan(math.radians(30))
+    reckon = DeadReckoning("twist", Drive(axles_m=2.0), loss)
+    seconds = math.pi * radius / 1.5
+    last = [reckon(Steering(int(seconds * k / 2000 * S), 1.5, math.radians(30))) for k in range(2001)][-1]
+    assert last is not None
+    assert (last.x_m, last.y_m) == pytest.approx((0.0, 2 * radius), abs=1e-3)
+    assert abs(last.yaw_rad) == pytest.approx(math.pi, abs=1e-4)
+    assert reckon(Steering(int(99 * S), 1.0, 1.6)) is None
+    assert reckon(Steering(int(99 * S), 1.0, math.nan)) is None
+    assert dict(loss.counts) == {"steering angle": 2}
+    with pytest.raises(UsageError, match="--axle-distance-m"):
+        DeadReckoning("twist", Drive())(Steering(0, 1.0, 0.1))
 
 
 @pytest.mark.parametrize("cumulative", [True, False])

@@ -23,6 +23,7 @@ from pfcli.events import (
     Range,
     Scan,
     SourceStamp,
+    Steering,
     Ticks,
     Truth,
     Twist,
@@ -37,7 +38,12 @@ _EVERY_M = 0.2
 ROLES: dict[str, dict[str, type]] = {
     "odometry": {"nav_msgs/msg/Odometry": Odometry, "pfcli.Odometry": Odometry},
     "encoders": {"sensor_msgs/msg/JointState": Wheels, "pfcli.WheelEncoders": Ticks},
-    "twist": {"geometry_msgs/msg/TwistStamped": Twist, "pfcli.Twist": Twist},
+    "twist": {
+        "geometry_msgs/msg/TwistStamped": Twist,
+        "ackermann_msgs/msg/AckermannDriveStamped": Steering,
+        "pfcli.Twist": Twist,
+        "pfcli.Ackermann": Steering,
+    },
     "imu": {"sensor_msgs/msg/Imu": YawRate},
     "compass": {
         "pfcli.Heading": Heading,
@@ -238,6 +244,10 @@ def _twist_stamped(m: Any, t: int) -> tuple[Twist, str]:
     return Twist(t, m.twist.linear.x, m.twist.linear.y, m.twist.angular.z), ""
 
 
+def _ackermann(m: Any, t: int) -> tuple[Steering, str]:
+    return Steering(t, m.drive.speed, m.drive.steering_angle), ""
+
+
 def _imu_rate(m: Any, t: int) -> tuple[YawRate, str]:
     return YawRate(t, m.angular_velocity.z), m.header.frame_id
 
@@ -369,6 +379,7 @@ def _j_ticks(m: Any, t: int) -> tuple[Ticks, str]:
 _ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
     ("encoders", "sensor_msgs/msg/JointState"): _joint_state,
     ("twist", "geometry_msgs/msg/TwistStamped"): _twist_stamped,
+    ("twist", "ackermann_msgs/msg/AckermannDriveStamped"): _ackermann,
     ("imu", "sensor_msgs/msg/Imu"): _imu_rate,
     ("compass", "sensor_msgs/msg/Imu"): _imu_heading,
     ("compass", "sensor_msgs/msg/MagneticField"): _field,
@@ -388,6 +399,7 @@ _JSON: dict[str, Callable[[Any, int], tuple[Any, str]]] = {
         Twist(t, float(m["vx_mps"]), float(m.get("vy_mps", 0.0)), float(m["yaw_rate_radps"])),
         "",
     ),
+    "pfcli.Ackermann": lambda m, t: (Steering(t, float(m["speed_mps"]), float(m["steering_angle_rad"])), ""),
     "pfcli.WheelEncoders": _j_ticks,
     "pfcli.Heading": lambda m, t: (_heading(float(m["yaw_rad"]), float(m.get("sigma_rad", math.nan)), t), ""),
     "pfcli.Range": _j_range,

@@ -48,6 +48,7 @@ def _message(schema: str, depth: int = 0) -> Any:
 JSON = {
     "pfcli.Odometry": {"x_m": 1.0, "y_m": 2.0, "yaw_rad": 0.5},
     "pfcli.Twist": {"vx_mps": 1.0, "yaw_rate_radps": 0.1},
+    "pfcli.Ackermann": {"speed_mps": 1.0, "steering_angle_rad": 0.1},
     "pfcli.WheelEncoders": {"names": ["l", "r"], "ticks": [3, 4], "ticks_per_turn": 2000},
     "pfcli.Heading": {"yaw_rad": 1.0, "sigma_rad": 0.1},
     "pfcli.Range": {"range_m": None, "range_max_m": 4.0},
