@@ -5,9 +5,12 @@ import os
 import tempfile
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from pfcli.batch.manifest import Task
 from pfcli.batch.tally import Tally
@@ -100,5 +103,8 @@ def run_dask(tasks: list[Task], tally: Tally, scheduler: str, *, send: bool) -> 
 
 def _beside(path: Path) -> Iterator[Path]:
     """The picture that a map's YAML names."""
-    if path.suffix in (".yaml", ".yml") and path.with_suffix(".pgm").is_file():
-        yield path.with_suffix(".pgm")
+    if path.suffix in (".yaml", ".yml"):
+        with suppress(OSError, yaml.YAMLError, AttributeError, TypeError):
+            image = path.parent / yaml.safe_load(path.read_text()).get("image")
+            if image.is_file():
+                yield image

@@ -3,13 +3,15 @@ job with it."""
 
 import multiprocessing
 import os
+import shutil
 import signal
-import sys
+import tempfile
 import time
 from collections import deque
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pfcli.batch.manifest import Task
 from pfcli.batch.tally import Tally
@@ -33,6 +35,10 @@ def _serve(line: Connection, log: str) -> None:
     target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(target, 2)
     os.dup2(target, 1)
+    import pfcli.commands.system
+    import pfcli.run  # noqa: F401
+
+    line.send((0, ""))
     while True:
         try:
             job = line.recv()
@@ -56,6 +62,7 @@ class _Worker:
     def __init__(self, log: Path) -> None:
         self._log = log
         self.task: Task | None = None
+        self.ready = False
         self.began = 0.0
         context = multiprocessing.get_context("spawn")
         self.line, far = context.Pipe()
@@ -99,20 +106,20 @@ def run_local(tasks: list[Task], tally: Tally, workers: int, limits: Limits) -> 
     """Run all jobs; what came of each is in the tally."""
     queue: deque[tuple[Task, int]] = deque((task, 1) for task in tasks)
     tries: dict[str, int] = {}
-    logs = tally.out / ".workers"
-    logs.mkdir(parents=True, exist_ok=True)
+    logs = Path(tempfile.mkdtemp(prefix="pfcli-workers-"))
     pool: list[_Worker] = []
 
     def started(k: int) -> _Worker:
-        return _Worker(logs / f"{os.getpid()}-{k}.log")
+        return _Worker(logs / f"{k}.log")
 
-    def lost(k: int, why: str) -> None:
-        """A worker is no more: its job is tried once again, then left."""
+    def lost(k: int, why: str, *, again: bool) -> None:
+        """A worker is no more; its job, if it was not the job's fault for certain, is tried once again."""
         worker = pool[k]
         task, said = worker.task, worker.kill()
-        assert task is not None
         pool[k] = started(k)
-        if tries[task.key] < _TRIES:
+        if task is None:
+            return
+        if again and tries[task.key] < _TRIES:
             queue.append((task, tries[task.key] + 1))
         else:
             tally.fail(task, why, said)
@@ -121,49 +128,42 @@ def run_local(tasks: list[Task], tally: Tally, workers: int, limits: Limits) -> 
         pool = [started(k) for k in range(min(workers, len(tasks)))]
         while queue or any(worker.task for worker in pool):
             for worker in pool:
-                if worker.task is None and queue:
+                if worker.ready and worker.task is None and queue:
                     task, tries_now = queue.popleft()
                     tries[task.key] = tries_now
-                    _give(worker, task, tally)
-            waiting: list[Any] = [worker.line for worker in pool if worker.task is not None]
-            wait(waiting, _LOOK_S)
+                    with suppress(OSError):  # it died while it had nothing to do; that is seen below
+                        worker.give(task, tally.target(task))
+            wait([worker.line for worker in pool if worker.task is not None or not worker.ready], _LOOK_S)
             for k, worker in enumerate(pool):
-                if worker.task is None:
-                    continue
                 if worker.line.poll():
-                    _hear(k, worker, tally, lost)
+                    if not _heard(worker, tally):
+                        lost(k, _died(worker), again=True)
                 elif not worker.process.is_alive():
-                    lost(k, f"its worker died (exit code {worker.process.exitcode})")
-                elif why := worker.over(limits):
-                    lost(k, why)
+                    lost(k, _died(worker), again=True)
+                elif worker.task is not None and (why := worker.over(limits)):
+                    lost(k, why, again=False)
     finally:
         for worker in pool:
             worker.kill()
-        for log in logs.glob(f"{os.getpid()}-*.log"):
-            log.unlink(missing_ok=True)
-        if not any(logs.iterdir()):
-            logs.rmdir()
+        shutil.rmtree(logs, ignore_errors=True)
 
 
-def _give(worker: _Worker, task: Task, tally: Tally) -> None:
-    try:
-        worker.give(task, tally.target(task))
-    except OSError as error:
-        # it died while it had nothing to do; the loop sees that
-        print(f"pfcli: a worker is gone ({error})", file=sys.stderr)
+def _died(worker: _Worker) -> str:
+    worker.process.join(5)
+    return f"its worker died (exit code {worker.process.exitcode})"
 
 
-def _hear(k: int, worker: _Worker, tally: Tally, lost: Any) -> None:
-    task = worker.task
-    assert task is not None
+def _heard(worker: _Worker, tally: Tally) -> bool:
+    """Take what a worker says; False where it is dead."""
     try:
         code, why = worker.line.recv()
     except (EOFError, OSError):
-        worker.process.join(5)
-        lost(k, f"its worker died (exit code {worker.process.exitcode})")
-        return
-    worker.task = None
-    if why:
+        return False
+    task, worker.task = worker.task, None
+    if task is None:
+        worker.ready = True
+    elif why:
         tally.fail(task, why)
     else:
         tally.succeed(task, code)
+    return True

@@ -17,6 +17,7 @@ import glob
 import hashlib
 import itertools
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,13 +27,17 @@ from pfcli.errors import PfcliError, UsageError
 from pfcli.registry import SUMMARY
 
 _FIELDS = ("logs", "systems", "seeds", "options", "grid", "points")
-_OURS = ("out", "force", "json", "quiet", "progress", "seed", "threads", "plot", "overlay")
+_OURS = ("out", "force", "json", "quiet", "progress", "seed", "threads", "plot", "overlay", "help")
+_FLAG = re.compile(r"[a-z][a-z0-9-]*")
+_MOST_SEED = 2**63 - 1
 
 
 class Task(NamedTuple):
-    """One run. words: of its command line, after the system; point: what the sweep varies; key: hash of what determines it."""
+    """One run. words: of its command line, after the system; point: what the sweep varies; key: hash of what determines it;
+    group: hash of the log and of all options that were given, which seeds and versions of pfcli share."""
 
     key: str
+    group: str
     system: str
     log: str
     seed: int
@@ -42,6 +47,7 @@ class Task(NamedTuple):
     def record(self) -> dict[str, Any]:
         """What the job's folder says of itself."""
         return {
+            "group": self.group,
             "system": self.system,
             "log": self.log,
             "seed": self.seed,
@@ -60,7 +66,7 @@ def read(path: Path) -> list[Task]:
     for system in _systems(path, given):
         for log in _logs(path, given):
             for point in _points(path, given, system):
-                words = (log, *_words(path, _of(given.get("options", {}), system) | point, Path(log)))
+                words = tuple(_words(path, system, _of(given.get("options", {}), system) | point, Path(log)))
                 for task in _tasks(path, system, log, _seeds(path, given), point, words):
                     found.setdefault(task.key, task)
     return [found[key] for key in sorted(found)]
@@ -74,6 +80,10 @@ def shard(tasks: list[Task], text: str) -> list[Task]:
     return tasks[int(first) - 1 :: int(count)]
 
 
+def _hash(meaning: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(meaning, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
 def _tasks(
     path: Path, system: str, log: str, seeds: list[int], point: dict[str, Any], words: tuple[str, ...]
 ) -> Iterator[Task]:
@@ -81,16 +91,17 @@ def _tasks(
     from pfcli.commands.system import parsed
     from pfcli.run import provenance
 
-    words = (*words, "--threads", "1", "--progress", "never")
+    line = (log, *words, "--threads", "1", "--progress", "never")
     try:
-        job = parsed(system, (*words, "--out", "."))
+        job = parsed(system, (*line, "--out", "."))
         meaning = {**provenance(job), "truth": job.truth}
     except (PfcliError, OSError) as error:
         raise UsageError(f"{path}: {error}") from None
+    shown = [Path(word).name if word.startswith("/") else word for word in words]
+    group = _hash({"system": system, "options": shown, **{k: meaning[k] for k in ("inputs", "map") if k in meaning}})
     for seed in seeds:
-        text = json.dumps({**meaning, "seed": seed}, sort_keys=True, default=str)
-        key = hashlib.sha256(text.encode()).hexdigest()[:16]
-        yield Task(key, system, Path(log).name, seed, point, (*words, "--seed", str(seed)))
+        key = _hash({**meaning, "seed": seed})
+        yield Task(key, group, system, Path(log).name, seed, point, (*line, "--seed", str(seed)))
 
 
 def _list(path: Path, given: dict[str, Any], name: str) -> list[str]:
@@ -111,17 +122,20 @@ def _systems(path: Path, given: dict[str, Any]) -> list[str]:
 def _logs(path: Path, given: dict[str, Any]) -> list[str]:
     found: dict[str, None] = {}
     for pattern in _list(path, given, "logs"):
-        here = sorted(glob.glob(str(path.parent.absolute() / pattern), recursive=True))
-        if not here:
-            raise UsageError(f"{path}: field 'logs': nothing is called {pattern} beside it")
-        found |= dict.fromkeys(here)
+        folder = path.parent.absolute()
+        here = [str(folder / name) for name in sorted(glob.glob(pattern, root_dir=folder, recursive=True))]
+        files = [name for name in here if Path(name).is_file()]
+        if not files:
+            what = "only a folder" if here else "nothing"
+            raise UsageError(f"{path}: field 'logs': {what} is called {pattern} beside it")
+        found |= dict.fromkeys(files)
     return list(found)
 
 
 def _seeds(path: Path, given: dict[str, Any]) -> list[int]:
     seeds = given.get("seeds", 1)
     many = list(range(seeds)) if isinstance(seeds, int) and not isinstance(seeds, bool) else seeds
-    if not isinstance(many, list) or not many or not all(type(s) is int and s >= 0 for s in many):
+    if not isinstance(many, list) or not many or not all(type(s) is int and 0 <= s <= _MOST_SEED for s in many):
         raise UsageError(f"{path}: field 'seeds' must be a number of seeds, or a list of them")
     return many
 
@@ -134,9 +148,9 @@ def _of(table: dict[str, Any], system: str) -> dict[str, Any]:
 
 def _points(path: Path, given: dict[str, Any], system: str) -> Iterator[dict[str, Any]]:
     grid, points = given.get("grid", {}), given.get("points", [{}])
-    tables = [*(points if isinstance(points, list) else [None]), grid, given.get("options", {})]
+    tables = [*(points if isinstance(points, list) and points else [None]), grid, given.get("options", {})]
     if not all(isinstance(table, dict) for table in tables):
-        raise UsageError(f"{path}: 'options' and 'grid' must be tables, 'points' a list of them")
+        raise UsageError(f"{path}: 'options' and 'grid' must be tables, 'points' a list of one or more")
     for table in (grid, given.get("options", {})):
         for name, value in table.items():
             if isinstance(value, dict) and name not in SUMMARY:
@@ -150,16 +164,27 @@ def _points(path: Path, given: dict[str, Any], system: str) -> Iterator[dict[str
             yield dict(zip(axes, combination, strict=True)) | more
 
 
-def _words(path: Path, options: dict[str, Any], log: Path) -> Iterator[str]:
+def _words(path: Path, system: str, options: dict[str, Any], log: Path) -> Iterator[str]:
     """Options as words of a command line; files beside the sweep file get their full path."""
+    from pfcli.commands.system import command
+
+    known = {flag: option for option in command(system).params for flag in option.opts}
     for name, value in options.items():
-        flag = name.replace("_", "-")
-        if flag in _OURS:
+        flag = f"--{name.replace('_', '-')}"
+        if flag[2:] in _OURS:
             raise UsageError(f"{path}: option {name!r} belongs to the sweep; see 'seeds', or pfcli batch --help")
+        if not _FLAG.fullmatch(flag[2:]):
+            raise UsageError(f"{path}: option {name!r} is no name of a flag")
+        option = known.get(flag)
+        if isinstance(value, list) and not getattr(option, "multiple", False):
+            raise UsageError(f"{path}: option {name!r} takes one value; several belong into [grid]")
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, bool):
-                yield f"--{flag}" if item else f"--no-{flag}"
+                if item:
+                    yield flag
+                elif option is None or option.secondary_opts:
+                    yield f"--no-{flag[2:]}"
                 continue
             text = str(item).replace("{log}", str(log.with_suffix("")))
             beside = path.parent.absolute() / text
-            yield from (f"--{flag}", str(beside) if isinstance(item, str) and beside.is_file() else text)
+            yield from (flag, str(beside) if isinstance(item, str) and beside.is_file() else text)

@@ -13,16 +13,17 @@ from scipy import stats
 from pfcli.errors import LogError, reason
 from pfcli.formats import parquet
 
-_GIVEN = ("job", "system", "log", "seed", "exit")
+_GIVEN = ("job", "group", "system", "log", "seed", "exit")
 _ROWS = 4096
 
 
 class Group(NamedTuple):
-    """Jobs that differ in nothing but the seed."""
+    """Jobs that differ in nothing but the seed. mark: hash of the log and of all options that were given."""
 
     system: str
     log: str
     point: tuple[tuple[str, str], ...]
+    mark: str
 
 
 class Spread(NamedTuple):
@@ -57,8 +58,15 @@ def rows(folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def failures(folder: Path) -> list[dict[str, Any]]:
-    """Records of the jobs that failed."""
-    return [json.loads(path.read_text()) for path in sorted((folder / "failed").glob("*.json"))]
+    """Records of the jobs that failed. Raises LogError."""
+    found = []
+    for path in sorted((folder / "failed").glob("*.json")):
+        try:
+            record = json.loads(path.read_text())
+            found.append({k: record[k] for k in ("system", "log", "seed", "point", "why")})
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise LogError(f"{path}: is no record of a job ({reason(error)}); delete it") from None
+    return found
 
 
 def _numbers(table: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
@@ -78,7 +86,7 @@ def write(folder: Path, target: Path) -> list[str]:
             if name not in _GIVEN:
                 (points if name.startswith("point.") else numbers).setdefault(name)
     names = [*_GIVEN, *sorted(points), *sorted(numbers)]
-    kinds = dict.fromkeys((*_GIVEN[:3], *points), "text") | {"seed": "int", "exit": "int"}
+    kinds = dict.fromkeys((*_GIVEN[:4], *points), "text") | {"seed": "int", "exit": "int"}
     with parquet.rows_writer(target, {name: kinds.get(name, "float") for name in names}) as out:
         batch: list[dict[str, Any]] = []
         for row in rows(folder):
@@ -91,18 +99,25 @@ def write(folder: Path, target: Path) -> list[str]:
 
 
 def groups(folder: Path, metric: str) -> dict[Group, dict[int, float]]:
-    """Value of a metric by group and seed."""
+    """Value of a metric by group and seed, NaN where a run has none. Raises LogError where two jobs are of the same seed."""
     found: dict[Group, dict[int, float]] = {}
     for row in rows(folder):
-        if metric in row and math.isfinite(row[metric]):
-            point = tuple((k.removeprefix("point."), str(v)) for k, v in sorted(row.items()) if k.startswith("point."))
-            found.setdefault(Group(row["system"], row["log"], point), {})[row["seed"]] = row[metric]
+        point = tuple((k.removeprefix("point."), str(v)) for k, v in sorted(row.items()) if k.startswith("point."))
+        group = found.setdefault(Group(row["system"], row["log"], point, row["group"]), {})
+        if row["seed"] in group:
+            twice = f"{row['system']} on {row['log']} with seed {row['seed']}"
+            why = "pfcli, or a file that they name, changed between them"
+            raise LogError(f"{folder}: holds {twice} and the same options twice: {why}; give each its own --out")
+        value = row.get(metric, math.nan)
+        group[row["seed"]] = value if math.isfinite(value) else math.nan
     return dict(sorted(found.items()))
 
 
 def spread(values: list[float]) -> Spread:
-    """Of the values of a group."""
-    v = np.array(values)
+    """Of the values of a group that are numbers."""
+    v = np.array([value for value in values if not math.isnan(value)])
+    if v.size == 0:
+        return Spread(0, math.nan, math.nan, math.nan, math.nan)
     mean, half = float(v.mean()), float("nan")
     if v.size > 1:
         half = float(stats.t.ppf(0.975, v.size - 1) * v.std(ddof=1) / math.sqrt(v.size))
@@ -113,35 +128,41 @@ def best(found: dict[Group, dict[int, float]], *, higher: bool) -> dict[str, tup
     """The parameters with the best mean over logs, of each system that was run with several."""
     means: dict[str, dict[tuple[tuple[str, str], ...], list[float]]] = {}
     for group, values in found.items():
-        means.setdefault(group.system, {}).setdefault(group.point, []).append(float(np.mean(list(values.values()))))
+        means.setdefault(group.system, {}).setdefault(group.point, []).append(spread(list(values.values())).mean)
     out = {}
     for system, by_point in means.items():
         if len(by_point) > 1:
-            point = min(by_point, key=lambda p: (-1 if higher else 1) * float(np.mean(by_point[p])))
+            order = {p: (-1 if higher else 1) * float(np.mean(v)) for p, v in by_point.items()}
+            point = min(by_point, key=lambda p: math.inf if math.isnan(order[p]) else order[p])
             out[system] = point, float(np.mean(by_point[point]))
     return out
 
 
 class Change(NamedTuple):
-    """A group here and in the baseline: means of the seeds that both have, and the change as a share of the old one (negative:
-    better)."""
+    """A group of the baseline: means of the seeds that both batches have a number for, the change as a share of the old mean
+    (negative: better), and the seeds that only the baseline has a number for."""
 
     group: Group
     seeds: int
     old: float
     new: float
     worse: float
+    missing: tuple[int, ...]
 
 
 def changes(now: dict[Group, dict[int, float]], before: dict[Group, dict[int, float]], *, higher: bool) -> list[Change]:
-    """Groups of both batches, the worst first."""
+    """What became of the groups of the baseline, the worst first."""
     out = []
-    for group in now.keys() & before.keys():
-        seeds = sorted(now[group].keys() & before[group].keys())
+    for group, old_values in before.items():
+        old_known = {seed for seed, v in old_values.items() if not math.isnan(v)}
+        new_values = now.get(group, {})
+        seeds = sorted(s for s in old_known if not math.isnan(new_values.get(s, math.nan)))
+        missing = tuple(sorted(old_known - set(seeds)))
         if not seeds:
+            out.append(Change(group, 0, math.nan, math.nan, math.nan, missing))
             continue
-        old, new = (float(np.mean([by[group][s] for s in seeds])) for by in (before, now))
+        old, new = (float(np.mean([values[s] for s in seeds])) for values in (old_values, new_values))
         difference = old - new if higher else new - old
         share = 0.0 if difference == 0.0 else difference / abs(old) if old else math.copysign(math.inf, difference)
-        out.append(Change(group, len(seeds), old, new, share))
-    return sorted(out, key=lambda c: (-c.worse, c.group))
+        out.append(Change(group, len(seeds), old, new, share, missing))
+    return sorted(out, key=lambda c: (not c.missing, -c.worse, c.group))

@@ -1,14 +1,18 @@
 """What became of the jobs of a batch: folders of done ones, records of failed ones, and the progress."""
 
 import json
+import os
 import shutil
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from pfcli.batch.manifest import Task
 from pfcli.errors import EXIT_PARTIAL
+
+_STALE_S = 300.0
 
 
 class Tally:
@@ -27,17 +31,23 @@ class Tally:
     def open(self, tasks: list[Task]) -> list[Task]:
         """The jobs that are not done yet. What a killed batch left half is swept away."""
         (self.out / "jobs").mkdir(parents=True, exist_ok=True)
-        for part in (self.out / "jobs").glob(".*"):
-            shutil.rmtree(part, ignore_errors=True)
-        left = [task for task in tasks if not (self.target(task) / "job.json").is_file()]
+        for part in (self.out / "jobs").glob(".*.*.*"):
+            # other shards may be writing here; a folder is half for the moment that its files take
+            with suppress(OSError):
+                if time.time() - part.stat().st_mtime > _STALE_S:
+                    shutil.rmtree(part, ignore_errors=True)
+        left = [task for task in tasks if self.code(task) is None]
         self.skipped, self._total = len(tasks) - len(left), len(left)
         again = {task.key for task in left}
-        self.partial = sum(self._code(task) == EXIT_PARTIAL for task in tasks if task.key not in again)
+        self.partial = sum(self.code(task) == EXIT_PARTIAL for task in tasks if task.key not in again)
         return left
 
-    def _code(self, task: Task) -> int:
-        """The exit code of a job that is done."""
-        return int(json.loads((self.target(task) / "job.json").read_text())["exit"])
+    def code(self, task: Task) -> int | None:
+        """The exit code of a job that is done; None where it is not, or where a full disk or a power cut left no record."""
+        try:
+            return int(json.loads((self.target(task) / "job.json").read_text())["exit"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
 
     def succeed(self, task: Task, code: int) -> None:
         """A job is done."""
@@ -52,7 +62,9 @@ class Tally:
         folder = self.out / "failed"
         folder.mkdir(exist_ok=True)
         record: dict[str, Any] = {**task.record(), "why": why} | ({"log": log} if log else {})
-        (folder / f"{task.key}.json").write_text(json.dumps(record, indent=2) + "\n")
+        partial = folder / f".{task.key}.{os.getpid()}.part"
+        partial.write_text(json.dumps(record, indent=2) + "\n")
+        os.replace(partial, folder / f"{task.key}.json")
         self._report()
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from pfcli.clicks import Finite
-from pfcli.errors import EXIT_DONE, EXIT_FAILED, EXIT_PARTIAL, OutputError, UsageError
+from pfcli.errors import EXIT_DONE, EXIT_FAILED, EXIT_INTERRUPTED, EXIT_PARTIAL, OutputError, UsageError
 from pfcli.outputs import interrupt_on_terminate
 
 
@@ -59,6 +59,12 @@ def batch(sweep: Path, out: Path, **given: Any) -> int:
 
             workers = given["workers"] or len(os.sched_getaffinity(0))
             run_local(left, tally, workers, Limits(given["timeout"], given["memory"]))
+    except KeyboardInterrupt:
+        click.echo(
+            f"pfcli: interrupted: {tally.done + tally.skipped} of {len(tasks)} jobs are done; the same command goes on",
+            err=True,
+        )
+        return EXIT_INTERRUPTED
     except OSError as error:
         raise OutputError(f"{out}: cannot be written ({error.strerror or error})") from None
     finally:
@@ -69,7 +75,7 @@ def batch(sweep: Path, out: Path, **given: Any) -> int:
 
 def _print(tasks: list[Any], tally: Any, as_json: bool) -> None:
     for task in tasks:
-        done = (tally.target(task) / "job.json").is_file()
+        done = tally.code(task) is not None
         if as_json:
             click.echo(json.dumps({"key": task.key, "done": done, **task.record()}))
         else:

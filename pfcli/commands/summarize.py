@@ -1,13 +1,14 @@
 """`pfcli summarize DIR`."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import click
 
 from pfcli.clicks import Finite
-from pfcli.errors import EXIT_DONE, EXIT_FAILED, UsageError
+from pfcli.errors import EXIT_DONE, EXIT_FAILED, LogError, UsageError
 
 _USUAL = ("truth.ate_m", "ms_per_update", "updates")
 
@@ -42,36 +43,45 @@ def summarize(folder: Path, **given: Any) -> int:
     target = given["out"] or folder / "summary.parquet"
     numbers = summary.write(folder, target)
     metric = given["metric"] or next((name for name in _USUAL if name in numbers), "")
+    if not numbers:
+        raise LogError(f"{folder}: no job is done yet")
     if metric not in numbers:
-        have = ", ".join(numbers) or "no job is done"
-        raise UsageError(f"--metric {metric}: {folder} has no such number, but {have}")
+        raise UsageError(f"--metric {metric}: {folder} has no such number, but {', '.join(numbers)}")
+    higher = given["higher_is_better"]
     found = summary.groups(folder, metric)
     table = [{**_named(group), **summary.spread(list(values.values()))._asdict()} for group, values in found.items()]
     result: dict[str, Any] = {"out": str(target), "metric": metric, "groups": table, "failed": summary.failures(folder)}
-    best = summary.best(found, higher=given["higher_is_better"])
+    result["jobs"] = sum(len(values) for values in found.values())
+    result["without"] = result["jobs"] - sum(row["n"] for row in table)
+    best = summary.best(found, higher=higher)
     result["best"] = {system: {"point": dict(point), "mean": mean} for system, (point, mean) in best.items()}
     code = EXIT_DONE
     if given["baseline"] is not None:
         before = summary.groups(given["baseline"], metric)
-        changes = summary.changes(found, before, higher=given["higher_is_better"])
-        gone = sorted(before.keys() - found.keys())
-        if not changes and not gone:
-            raise UsageError(f"--baseline {given['baseline']}: has no job of the same log, system and parameters")
-        result["changes"] = [{**_named(c.group), **c._asdict(), "group": None} for c in changes]
-        for change in result["changes"]:
-            del change["group"]
-        result["missing"] = [_named(group) for group in gone]
-        if gone or any(c.worse > given["tolerance"] for c in changes):
+        if not found.keys() & before.keys():
+            raise UsageError(f"--baseline {given['baseline']}: has no job of the same log, system and options")
+        changes = summary.changes(found, before, higher=higher)
+        result["changes"] = [_named(c.group) | {k: v for k, v in c._asdict().items() if k != "group"} for c in changes]
+        if any(c.missing or c.worse > given["tolerance"] for c in changes):
             code = EXIT_FAILED
     if given["as_json"]:
-        click.echo(json.dumps(result))
+        click.echo(json.dumps(_plain(result)))
     else:
         click.echo("\n".join(_lines(result, given["tolerance"])))
     return code
 
 
+def _plain(value: Any) -> Any:
+    """JSON has no NaN and no infinity."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def _named(group: Any) -> dict[str, Any]:
-    return {"system": group.system, "log": group.log, "point": dict(group.point)}
+    return {"system": group.system, "log": group.log, "point": dict(group.point), "mark": group.mark}
 
 
 def _label(row: dict[str, Any]) -> str:
@@ -79,6 +89,10 @@ def _label(row: dict[str, Any]) -> str:
 
 
 def _lines(result: dict[str, Any], tolerance: float) -> list[str]:
+    names = [_label(row) for row in result["groups"]]
+    for row in result["groups"]:
+        # the same words for different logs or options of the whole sweep
+        row["log"] += f" ({row['mark'][:6]})" if names.count(_label(row)) > 1 else ""
     width = max((len(_label(row)) for row in result["groups"]), default=0)
     lines = [f"{result['metric']:{width}}      n        mean      median   95 % of the mean"]
     for row in result["groups"]:
@@ -90,10 +104,13 @@ def _lines(result: dict[str, Any], tolerance: float) -> list[str]:
     for row in result["failed"]:
         lines.append(f"failed: {_label(row)} seed {row['seed']}: {row['why']}")
     for row in result.get("changes", []):
-        word = "worse" if row["worse"] > tolerance else "better" if row["worse"] < -tolerance else "same"
-        lines.append(
-            f"{word}: {_label(row)}: {row['old']:.5g} -> {row['new']:.5g} ({row['worse']:+.1%}, {row['seeds']} seeds)"
-        )
-    lines += [f"missing: {_label(row)}" for row in result.get("missing", [])]
-    lines.append(f"{result['out']}: {sum(row['n'] for row in result['groups'])} jobs, {len(result['failed'])} failed")
+        if row["missing"]:
+            seeds = ", ".join(map(str, row["missing"]))
+            lines.append(f"missing: {_label(row)}: seeds {seeds} of the baseline have no number here")
+        if row["seeds"]:
+            word = "worse" if row["worse"] > tolerance else "better" if row["worse"] < -tolerance else "same"
+            change = f"{row['old']:.5g} -> {row['new']:.5g} ({row['worse']:+.1%}, {row['seeds']} seeds)"
+            lines.append(f"{word}: {_label(row)}: {change}")
+    without = f", {result['without']} without {result['metric']}" if result["without"] else ""
+    lines.append(f"{result['out']}: {result['jobs']} jobs{without}, {len(result['failed'])} failed")
     return lines

@@ -22,9 +22,10 @@ def read(path: Path) -> dict[str, tuple[float, float]]:
         except (KeyError, TypeError, ValueError):
             raise LogError(f"{path}: line {number}: the fields id, x_m, y_m are needed") from None
         if not math.isfinite(x + y) or name in found:
-            raise LogError(
-                f"{path}: line {number}: field {'id' if name in found else 'x_m or y_m'} is not usable: {name!r}"
+            what = (
+                f"id {name!r} stands twice" if name in found else f"x_m, y_m are not usable: {row['x_m']}, {row['y_m']}"
             )
+            raise LogError(f"{path}: line {number}: {what}")
         found[name] = (x, y)
     if not found:
         raise LogError(f"{path}: holds no landmarks; a first line id,x_m,y_m and one line for each are needed")

@@ -107,6 +107,11 @@ def test_tables_of_one_system_points_and_placeholders(tmp_path: Path) -> None:
         (("end = 1", "end = 1\nout = 'x'"), "'out'"),
         (("end = 1", "end = 1\nno-such-flag = 3"), "no-such-flag"),
         (("particles = [4, 8]", "particles = 4"), "grid.particles"),
+        (("particles = [4, 8]", "particles = [[4, 5]]"), "'particles' takes one value"),
+        (("end = 1", "help = true"), "'help'"),
+        (("end = 1", '"end=3" = true'), "no name of a flag"),
+        (("seeds = 2", "seeds = [99999999999999999999]"), "seeds"),
+        (("logs =", "points = []\nlogs ="), "points"),
         (("particles = [4, 8]", "particles = [-4]"), "particles"),
         (("[grid]", "[grid.slam]"), "'slam'"),
         (("logs =", "colour = 1\nlogs ="), "'colour'"),
@@ -122,6 +127,15 @@ def test_a_sweep_that_is_wrong_is_one_line_before_anything_runs(
         manifest.read(path)
     assert word in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_what_a_killed_batch_left_half_is_swept_but_not_what_another_is_writing(tmp_path: Path) -> None:
+    old, fresh = tmp_path / "jobs/.a.1.part", tmp_path / "jobs/.b.2.part"
+    old.mkdir(parents=True)
+    fresh.mkdir()
+    os.utime(old, (1e9, 1e9))
+    Tally(tmp_path, "never").open([])
+    assert (old.exists(), fresh.exists()) == (False, True)
 
 
 def test_shards_that_are_none_are_refused(pfcli: Cli, tmp_path: Path) -> None:
@@ -192,7 +206,6 @@ def test_limits_end_the_job_and_not_the_batch(tmp_path: Path) -> None:
         assert len(tally.failed) == 1
     record = json.loads(next((tmp_path / "out/failed").iterdir()).read_text())
     assert record["system"] == "slam-gdr"
-    assert not (tmp_path / "out/.workers").exists()
 
 
 def children(pid: int) -> list[int]:
@@ -250,7 +263,6 @@ def kill_and_go_on(tmp_path: Path, reference: Path, times: int) -> None:
     done = subprocess.run([*_PFCLI, "batch", path, "--out", out], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     assert contents(out) == contents(reference / "out")
-    assert not list((out / "jobs").glob(".*"))
 
 
 def test_killed_at_any_moment_nothing_half_is_taken_for_whole(tmp_path: Path, reference: Path) -> None:
@@ -350,10 +362,68 @@ def test_the_summary_is_the_runs_and_the_baseline_is_a_gate(reference: Path, pfc
         path.write_text(json.dumps(ran))
     worse = pfcli("summarize", out, "--baseline", reference / "out")
     assert worse.returncode == 1
+    strict = pfcli("summarize", out, "--baseline", reference / "out", "--json").stdout
+    assert "NaN" not in strict
     assert (worse.stdout.count("worse:"), worse.stdout.count("better:")) == (1, 1)
     assert pfcli("summarize", out, "--baseline", reference / "out", "--tolerance", 0.5).returncode == 0
     wrong = pfcli("summarize", out, "--metric", "beauty")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+
+
+def test_seeds_that_the_baseline_has_and_a_run_lacks_fail_the_gate(reference: Path, pfcli: Cli, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(reference / "out", out)
+    first, second, *_ = sorted((out / "jobs").iterdir())
+    shutil.rmtree(first)
+    ran = json.loads((second / "run.json").read_text())
+    ran["truth"]["ate_m"] = float("nan")
+    (second / "run.json").write_text(json.dumps(ran))
+    done = pfcli("summarize", out, "--metric", "truth.ate_m", "--baseline", reference / "out")
+    assert done.returncode == 1
+    assert "missing:" in done.stdout
+    assert "3 jobs, 1 without truth.ate_m" in done.stdout
+
+
+def test_jobs_of_other_options_are_other_groups(pfcli: Cli, tmp_path: Path, reference: Path) -> None:
+    """The option of the whole sweep changed, in the same folder: nothing is mixed, and nothing of it is compared."""
+    path = sweep(tmp_path / "s", particles="[4]")
+    assert pfcli("batch", path, "--out", tmp_path / "out").returncode == 0
+    path.write_text(path.read_text().replace("end = 1", "end = 1.4"))
+    assert pfcli("batch", path, "--out", tmp_path / "out").returncode == 0
+    told = json.loads(pfcli("summarize", tmp_path / "out", "--json").stdout)
+    assert [group["n"] for group in told["groups"]] == [2, 2]
+    assert told["jobs"] == 4
+    later = tmp_path / "later"
+    assert pfcli("batch", path, "--out", later).returncode == 0
+    wrong = pfcli("summarize", later, "--baseline", reference / "out")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+
+
+def test_a_record_that_a_power_cut_left_empty_is_no_done_job(reference: Path, tmp_path: Path) -> None:
+    shutil.copytree(reference / "out", tmp_path / "out")
+    task = manifest.read(sweep(reference))[0]
+    (tmp_path / "out/jobs" / task.key / "job.json").write_text("")
+    assert Tally(tmp_path / "out", "never").open(manifest.read(reference / "sweep.toml")) == [task]
+    (tmp_path / "out/failed").mkdir()
+    (tmp_path / "out/failed/x.json").write_text("{")
+    with pytest.raises(LogError, match=r"x\.json"):
+        summary.failures(tmp_path / "out")
+
+
+def test_interrupted_it_says_what_is_done(tmp_path: Path) -> None:
+    batch = subprocess.Popen(
+        [*_PFCLI, "batch", sweep(tmp_path, seeds=50), "--out", tmp_path / "out", "--workers", "1"],
+        stderr=subprocess.PIPE,
+    )
+    for _ in range(600):
+        if len(list((tmp_path / "out/jobs").glob("[0-9a-f]*"))) > 2:
+            break
+        time.sleep(0.05)
+    batch.send_signal(signal.SIGINT)
+    said = batch.communicate(timeout=60)[1].decode()
+    assert batch.returncode == 130
+    assert " of 100 jobs are done; the same command goes on" in said
+    assert "Traceback" not in said
 
 
 def test_what_is_no_batch_is_one_line(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pfcli.core import estimate, landmark_store
 from pfcli.core.geometry import between, wrap
 from pfcli.core.landmark_store import FIELDS, Store
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.errors import LogError, printable
+from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Sighting
 from pfcli.formats import landmark_csv
 from pfcli.loss import Loss
@@ -93,7 +93,9 @@ class _View(NamedTuple):
 
 
 def load(params: Params, job: Any) -> Assets:
-    """Read the known landmarks, if any. Raises LogError for a file that is none."""
+    """Read the known landmarks, if any. Raises LogError for a file that is none, UsageError for gates in the wrong order."""
+    if params.reject_gate > params.augment_gate:
+        raise UsageError(f"--reject-gate {params.reject_gate:g} must not exceed --augment-gate {params.augment_gate:g}")
     return Assets(landmark_csv.read(Path(params.landmark_map)) if params.landmark_map else {})
 
 
