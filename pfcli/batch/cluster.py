@@ -55,7 +55,7 @@ def run_dask(tasks: list[Task], tally: Tally, scheduler: str, *, send: bool) -> 
     except ImportError:
         raise UsageError("--scheduler needs Dask: pip install 'pfcli[dask]'") from None
     try:
-        client = Client(scheduler, timeout=5)
+        client = Client(scheduler, timeout=3)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(f"--scheduler {scheduler}: nobody answers there ({fault(error)})") from None
     with client:

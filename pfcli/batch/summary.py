@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from pfcli.errors import LogError, reason
 from pfcli.formats import parquet
@@ -120,7 +120,7 @@ def spread(values: list[float]) -> Spread:
         return Spread(0, math.nan, math.nan, math.nan, math.nan)
     mean, half = float(v.mean()), float("nan")
     if v.size > 1:
-        half = float(stats.t.ppf(0.975, v.size - 1) * v.std(ddof=1) / math.sqrt(v.size))
+        half = float(stdtrit(v.size - 1, 0.975) * v.std(ddof=1) / math.sqrt(v.size))
     return Spread(v.size, mean, float(np.median(v)), mean - half, mean + half)
 
 
