@@ -32,9 +32,6 @@ end = 1
 [grid]
 particles = {particles}
 """
-pytestmark = pytest.mark.xdist_group("batch")
-"""One worker has them all: they share a reference, and each uses two cores by itself."""
-
 _PFCLI = [sys.executable, "-c", "from pfcli.cli import run; run()"]
 
 
