@@ -41,16 +41,7 @@ if TYPE_CHECKING:
 @click.option("--compression", type=click.Choice(["zstd", "lz4", "none"]), default="zstd", show_default=True)
 @click.option("--force", is_flag=True, help="Replace TARGET.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
-def convert(
-    source: Path,
-    target: Path,
-    range_max: float | None,
-    range_scale: float,
-    repair_stamps: bool,
-    compression: str,
-    force: bool,
-    as_json: bool,
-) -> int:
+def convert(source: Path, target: Path, **given: Any) -> int:
     """Convert SOURCE to an MCAP log; TARGET `-`: to standard output.
 
     SOURCE: CARMEN .log/.clf, also .gz and .bz2; ROS 1 .bag; a rosbag2 folder or .db3; tinySLAM .dat, the folder of a LEGO
@@ -60,7 +51,7 @@ def convert(
     Example: pfcli convert intel.clf.bz2 intel.mcap
     """
     with streamed(target) as place:
-        return _written(source, place, range_max, range_scale, repair_stamps, compression, force, as_json)
+        return _written(source, place, **given)
 
 
 def _written(
