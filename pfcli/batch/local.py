@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import tempfile
+import threading
 import time
 from collections import deque
 from contextlib import suppress
@@ -38,6 +39,7 @@ def _serve(line: Connection, log: str) -> None:
     import pfcli.commands.system
     import pfcli.run  # noqa: F401
 
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     line.send((0, ""))
     while True:
         try:
@@ -54,6 +56,14 @@ def _serve(line: Connection, log: str) -> None:
             line.send(answer)
         except BrokenPipeError:
             return
+
+
+def _end_with_parent() -> None:
+    """A batch that was killed leaves no worker behind."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 class _Worker:

@@ -265,6 +265,7 @@ def kill_and_go_on(tmp_path: Path, reference: Path, times: int) -> None:
             assert (job / "run.json").is_file()
             assert (job / "job.json").is_file()
         if k % 3 == 2:
+            time.sleep(0.3)  # its workers end with it
             shutil.rmtree(out)
     assert rounds > times // 5
     done = subprocess.run([*_PFCLI, "batch", path, "--out", out], capture_output=True, check=False)
