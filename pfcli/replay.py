@@ -17,6 +17,7 @@ from pfcli import vision
 from pfcli.core.jit import kernel
 from pfcli.errors import UsageError, printable
 from pfcli.events import Event, Heading, Landmarks, LinePoints, Odometry, Range, Scan, Truth
+from pfcli.formats import json_messages
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
 from pfcli.formats.mcap_records import Batch, Channel, McapFile
 from pfcli.formats.messages import (
@@ -26,7 +27,6 @@ from pfcli.formats.messages import (
     SECOND,
     Decoder,
     decoder,
-    json_stamp,
     stamp_in_header,
     transforms,
     yaw_of,
@@ -286,7 +286,7 @@ class _Merge:
         if source.channel.encoding == "json":
             for k, (at, size) in enumerate(zip(batch.offset[picked], batch.length[picked], strict=True)):
                 try:
-                    out[k] = json_stamp(bytes(batch.data[at : at + size]))
+                    out[k] = json_messages.stamp_of(bytes(batch.data[at : at + size]))
                 except ValueError:
                     out[k] = -1
             return out

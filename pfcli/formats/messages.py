@@ -4,7 +4,6 @@ The hot types (scan, odometry) are decoded at fixed offsets; everything else goe
 json. A payload that cannot be read raises ValueError; the caller counts it.
 """
 
-import json
 import math
 import struct
 from collections.abc import Callable
@@ -30,6 +29,8 @@ from pfcli.events import (
     Wheels,
     YawRate,
 )
+from pfcli.formats import json_messages
+from pfcli.formats.json_messages import heading
 from pfcli.formats.schemas import typestore
 
 SECOND = 1_000_000_000
@@ -205,34 +206,6 @@ def _via_rosbags(schema: str, convert: Callable[[Any, int], tuple[Event, str]]) 
     return decode
 
 
-def _via_json(convert: Callable[[Any, int], tuple[Event, str]]) -> Decoder:
-    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event, str]:
-        try:
-            message = json.loads(bytes(buffer[offset : offset + length]))
-            return convert(message, stamp_ns)
-        except KeyError as error:
-            raise ValueError(f"has no field {error.args[0]!r}") from None
-        except (TypeError, AttributeError, UnicodeDecodeError) as error:
-            raise ValueError(f"does not follow its schema ({error})") from None
-
-    return decode
-
-
-def json_stamp(payload: bytes) -> int:
-    """Stamp of a JSON message (ns)."""
-    try:
-        stamp = json.loads(payload)["stamp_ns"]
-    except (KeyError, TypeError, UnicodeDecodeError):
-        raise ValueError("has no field 'stamp_ns'") from None
-    if isinstance(stamp, bool) or not isinstance(stamp, int) or not 0 <= stamp < 1 << 63:
-        raise ValueError("field 'stamp_ns' is not a whole number of nanoseconds")
-    return stamp
-
-
-def _floats(values: Any) -> Any:
-    return np.array([math.nan if v is None else v for v in values], np.float64)
-
-
 def _joint_state(m: Any, t: int) -> tuple[Wheels, str]:
     n = len(m.name)
     position = np.asarray(m.position, float) if len(m.position) == n else np.full(n, np.nan)
@@ -257,7 +230,7 @@ def _imu_heading(m: Any, t: int) -> tuple[Heading, str]:
         raise ValueError("field 'orientation' is marked absent (orientation_covariance[0] is -1)")
     q = m.orientation
     variance = m.orientation_covariance[8]
-    return _heading(yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan, t), m.header.frame_id
+    return heading(yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan, t), m.header.frame_id
 
 
 def _field(m: Any, t: int) -> tuple[Heading, str]:
@@ -265,12 +238,6 @@ def _field(m: Any, t: int) -> tuple[Heading, str]:
     if not (math.isfinite(f.x) and math.isfinite(f.y)) or f.x == f.y == 0.0:
         raise ValueError("field 'magnetic_field' has no horizontal direction (x and y are NaN or both zero)")
     return Heading(t, compass.heading(f.x, f.y), math.nan), m.header.frame_id
-
-
-def _heading(yaw_rad: float, sigma_rad: float, t: int) -> Heading:
-    if not math.isfinite(yaw_rad):
-        raise ValueError("field 'yaw_rad' is not a number")
-    return Heading(t, yaw_rad, sigma_rad if sigma_rad > 0 else math.nan)
 
 
 def _range(m: Any, t: int) -> tuple[Range, str]:
@@ -333,49 +300,6 @@ def _detections_2d(m: Any, t: int) -> tuple[Landmarks, str]:
     return _polar(t, _ids(m.detections), xy)._replace(pixels=True), ""
 
 
-def _j_lines(m: Any, t: int) -> tuple[LinePoints, str]:
-    name = "points_px" if "points_px" in m else "points_m"
-    points = np.array(m[name], float)
-    if points.size and (points.ndim != 2 or points.shape[1] != 2):
-        raise ValueError(f"field {name!r} does not hold pairs")
-    return LinePoints(t, points.reshape(-1, 2), name == "points_px"), str(m.get("frame_id", ""))
-
-
-def _j_landmarks(m: Any, t: int) -> tuple[Landmarks, str]:
-    rows = m["landmarks"]
-    sigma = [[r.get("sigma_range_m", math.nan), r.get("sigma_bearing_rad", math.nan)] for r in rows]
-    ids = tuple(str(r.get("id", "")) for r in rows)
-    ranges, bearings = _floats([r["range_m"] for r in rows]), _floats([r["bearing_rad"] for r in rows])
-    return Landmarks(t, ids, ranges, bearings, np.array(sigma, float).reshape(-1, 2)), str(m.get("frame_id", ""))
-
-
-def _j_scan(m: Any, t: int) -> tuple[Scan, str]:
-    ranges = np.array([math.inf if v is None else v for v in m["ranges_m"]], np.float32)
-    low, step = float(m["angle_min_rad"]), float(m["angle_increment_rad"])
-    limits = float(m.get("range_min_m", 0.0)), float(m.get("range_max_m", math.inf))
-    return Scan(t, ranges, low, step, *limits, Pose2()), str(m.get("frame_id", ""))
-
-
-def _j_range(m: Any, t: int) -> tuple[Range, str]:
-    value = math.inf if m["range_m"] is None else float(m["range_m"])
-    limits = float(m.get("range_min_m", 0.0)), float(m.get("range_max_m", math.inf))
-    return Range(t, "", value, *limits, Pose2()), str(m.get("frame_id", ""))
-
-
-def _j_odometry(m: Any, t: int) -> tuple[Odometry, str]:
-    twist = [float(m.get(k, math.nan)) for k in ("vx_mps", "vy_mps", "yaw_rate_radps")]
-    return Odometry(t, float(m["x_m"]), float(m["y_m"]), float(m["yaw_rad"]), *twist), ""
-
-
-def _j_ticks(m: Any, t: int) -> tuple[Ticks, str]:
-    names, ticks = tuple(m["names"]), np.array(m["ticks"], np.int64)
-    if len(names) != ticks.size:
-        raise ValueError("fields 'names' and 'ticks' differ in length")
-    if not float(m["ticks_per_turn"]) > 0.0:
-        raise ValueError("field 'ticks_per_turn' is not positive")
-    return Ticks(t, names, ticks, float(m["ticks_per_turn"]), bool(m.get("cumulative", True))), ""
-
-
 _ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
     ("encoders", "sensor_msgs/msg/JointState"): _joint_state,
     ("twist", "geometry_msgs/msg/TwistStamped"): _twist_stamped,
@@ -393,22 +317,6 @@ _ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
     ("landmarks", "soccer_vision_3d_msgs/msg/MarkingArray"): _crossings,
 }
 
-_JSON: dict[str, Callable[[Any, int], tuple[Any, str]]] = {
-    "pfcli.Odometry": _j_odometry,
-    "pfcli.Twist": lambda m, t: (
-        Twist(t, float(m["vx_mps"]), float(m.get("vy_mps", 0.0)), float(m["yaw_rate_radps"])),
-        "",
-    ),
-    "pfcli.Ackermann": lambda m, t: (Steering(t, float(m["speed_mps"]), float(m["steering_angle_rad"])), ""),
-    "pfcli.WheelEncoders": _j_ticks,
-    "pfcli.Heading": lambda m, t: (_heading(float(m["yaw_rad"]), float(m.get("sigma_rad", math.nan)), t), ""),
-    "pfcli.Range": _j_range,
-    "pfcli.LaserScan": _j_scan,
-    "pfcli.LinePoints": _j_lines,
-    "pfcli.Landmarks": _j_landmarks,
-    "pfcli.Pose2D": lambda m, t: (Truth(t, float(m["x_m"]), float(m["y_m"]), float(m["yaw_rad"])), ""),
-}
-
 
 def decoder(role: str, schema: str) -> Decoder:
     """How a message of type `schema` is read in `role`."""
@@ -419,5 +327,5 @@ def decoder(role: str, schema: str) -> Decoder:
     if role == "source_stamp":
         return _source_stamp
     if schema.startswith("pfcli."):
-        return _via_json(_JSON[schema])
+        return json_messages.decoder(schema)
     return _via_rosbags(schema, _ROS[role, schema])

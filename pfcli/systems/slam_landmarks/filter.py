@@ -16,7 +16,7 @@ from pfcli.core import estimate, landmark_store
 from pfcli.core.geometry import between, wrap
 from pfcli.core.landmark_store import FIELDS, Store
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.errors import LogError, UsageError, printable
+from pfcli.errors import LogError, UsageError
 from pfcli.events import Sighting
 from pfcli.formats import landmark_csv
 from pfcli.loss import Loss
@@ -26,9 +26,11 @@ from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.gdr_resampling import ancestors_of, dispersed
 from pfcli.systems.result import Result
 from pfcli.systems.slam_landmarks import history, smooth, start
+from pfcli.systems.slam_landmarks import marks as landmarks
 from pfcli.systems.slam_landmarks.history import History
 from pfcli.systems.slam_landmarks.kernels import IGNORED, UNKNOWN, observe
 from pfcli.systems.slam_landmarks.params import Params
+from pfcli.systems.slam_landmarks.view import View, of_sighting
 from pfcli.systems.track import TrackKeeper
 
 
@@ -57,9 +59,8 @@ class Assets(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
-    odometry (1, 3) and way and turn at the last observation; recent: what was seen before the start; loss: what was left out;
-    since: observations since the particles were drawn anew; scales
-    of `smooth.corrected`; what the end needs."""
+    odometry (1, 3) and way and turn at the last observation; since: observations since the particles were drawn anew; recent:
+    what was seen before the start; loss: what was left out; scales of `smooth.corrected`; what the end needs."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -80,16 +81,8 @@ class State(NamedTuple):
     resamplings: int
 
 
-_MANY, _MOVED, _DRAWS = 10, 50.0, 200
-"""A landmark with so many detections moves if their median squared distance is this; draws that tell a smoothed covariance."""
-
-
-class _View(NamedTuple):
-    """Detections used: z (m, 2) range and bearing, variances (m, 2), known columns (m,) or UNKNOWN."""
-
-    z: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    column: NDArray[np.int32]
+_DRAWS = 200
+"""So many draws tell the covariance of a smoothed track."""
 
 
 def load(params: Params, job: Any) -> Assets:
@@ -140,12 +133,13 @@ def _known(assets: Assets, n: int) -> tuple[Store, dict[str, int]]:
 def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
     """Every observation with a usable detection updates the filter."""
     state.track.see(sighting)
-    state, view = _view(state, sighting, assets, params)
+    view, names = of_sighting(sighting, state.names, bool(assets.places), params, state.loss)
+    state = state._replace(names=names)
     if view.z.shape[0] == 0:
         return state, None
     now = np.array([sighting.odometry])
     if not state.started:
-        recent = (*state.recent, start.Seen(now, _points(view), _spread_m(view), view.column))[-start.RECENT :]
+        recent = (*state.recent, start.Seen(now, view.points_m, view.spread_m, view.column))[-start.RECENT :]
         pose = start.placed(recent, assets.places, params, draw(Purpose.INIT, sighting.stamp_ns))
         if pose is None:
             return state._replace(odometry=now, travelled=sighting.travelled, recent=recent), None
@@ -158,40 +152,9 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
     return _conclude(state, sighting, view, used, assets, params, draw)
 
 
-def _view(state: State, sighting: Sighting, assets: Assets, params: Params) -> tuple[State, _View]:
-    """Detections within range, each id once in an observation; new ids get a column."""
-    names, rows, seen = dict(state.names), [], set[str]()
-    for group in sighting.landmarks:
-        for name, r, bearing, sigma in zip(group.ids, group.range_m, group.bearing_rad, group.sigma, strict=True):
-            if r > params.landmark_range_m:
-                continue
-            if name and name in seen and params.association != "unknown":
-                note = f"landmark {printable(name)!r} is detected twice at one stamp; its first detection counts"
-                state.loss.add("landmark twice at a stamp", note)
-                continue
-            spread = (
-                math.hypot(params.range_sigma_m, params.range_sigma_share * r),
-                math.radians(params.bearing_sigma_deg),
-            )
-            sd = [s if math.isfinite(s) and s > 0.0 else d for s, d in zip(sigma, spread, strict=True)]
-            rows.append((name, r, bearing, sd[0] ** 2, sd[1] ** 2))
-            seen.add(name)
-    known = params.association == "known" or (params.association == "auto" and all(name for name, *_ in rows))
-    if known:
-        strange = sum(bool(row[0]) and bool(assets.places) and row[0] not in names for row in rows)
-        if strange:
-            state.loss.read["detections of landmarks that the map does not know"] += strange
-        rows = [row for row in rows if row[0] and (not assets.places or row[0] in names)]
-        for name, *_ in rows:
-            names.setdefault(name, len(names))
-    numbers = np.array([row[1:] for row in rows], float).reshape(-1, 4)
-    column = np.array([names[row[0]] if known else UNKNOWN for row in rows], np.int32)
-    return state._replace(names=names), _View(numbers[:, :2].copy(), numbers[:, 2:].copy(), column)
-
-
 def _observe(
     state: State,
-    view: _View,
+    view: View,
     moved: NDArray[np.float64],
     travelled: tuple[float, float],
     stamp_ns: int,
@@ -231,7 +194,7 @@ def _spread(way: float, turn: float, params: Params) -> NDArray[np.float64]:
 def _conclude(
     state: State,
     sighting: Sighting,
-    view: _View,
+    view: View,
     used: NDArray[np.int32],
     assets: Assets,
     params: Params,
@@ -245,7 +208,7 @@ def _conclude(
     best = int(np.argmax(weights))
     marks = landmark_store.landmarks(state.store, best)
     n_eff = float(effective_sample_size(weights))
-    state.frames.offer(sighting.stamp_ns, found.pose, state.pose, _points(view))
+    state.frames.offer(sighting.stamp_ns, found.pose, state.pose, view.points_m)
     since = state.since + 1
     fresh = bool(params.rejuvenate_steps and since >= params.rejuvenate_steps)
     ancestors = np.arange(state.pose.shape[0])
@@ -270,14 +233,6 @@ def _conclude(
         way_m=state.way_m,
     )
     return state._replace(since=0 if fresh else since), info
-
-
-def _spread_m(view: _View) -> NDArray[np.float64]:
-    return np.sqrt(view.noise[:, 0] + view.z[:, 0] ** 2 * view.noise[:, 1])
-
-
-def _points(view: _View) -> NDArray[np.float64]:
-    return np.asarray(view.z[:, :1] * np.column_stack([np.cos(view.z[:, 1]), np.sin(view.z[:, 1])]))
 
 
 def _chosen(
@@ -314,24 +269,6 @@ def _options(assets: Assets, params: Params) -> smooth.Options:
     return smooth.Options(bool(assets.places), params.calibrate)
 
 
-def _doubt(past: history.Past, state: State, marks: NDArray[np.float64], assets: Assets) -> None:
-    """Say which landmarks do not stay where they are, and where no landmark corrects the odometry."""
-    by_column = {column: name for name, column in state.names.items()}
-    z, _ = smooth.corrected(past.log.z, past.log.step, state.scales)
-    d = past.places[past.log.of] - past.track[past.log.at, :2]
-    e = np.column_stack([np.hypot(*d.T) - z[:, 0], wrap(np.arctan2(*d.T[::-1]) - past.track[past.log.at, 2] - z[:, 1])])
-    squares = np.square(e / past.log.sd).sum(axis=1)
-    for k, column in enumerate(past.columns.tolist()):
-        own = squares[past.log.of == k]
-        if own.size >= _MANY and np.median(own) > _MOVED:
-            name = printable(by_column.get(column, str(column)))
-            far = np.sqrt(np.median(own))
-            note = f"landmark {name!r} does not stay in one place: it is seen {far:.0f} standard deviations off; it counts little"
-            state.loss.add("landmark that moves", note)
-    if not assets.places and np.bincount(past.log.of, minlength=1).max() < 2:
-        state.loss.add("landmarks seen once", "no landmark was seen twice: the track is that of the odometry alone")
-
-
 def finish(state: State, assets: Assets, params: Params) -> Result:
     """Track and landmarks of the end, or what is most probable afterwards."""
     if not state.history.z:
@@ -339,25 +276,21 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     best = int(np.argmax(state.log_w))
     marks = landmark_store.landmarks(state.store, best)
     past = history.of_particle(state.history, best, marks)
-    _doubt(past, state, marks, assets)
-    alive, options, scales = past.columns, _options(assets, params), state.scales
+    options, scales = _options(assets, params), state.scales
+    landmarks.doubt(past, scales, state.names, options.fixed, state.loss)
     if params.smooth:
-        rng = rng_for(0, Purpose.PROPOSAL, 0)
+        rng = rng_for(0, Purpose.PROPOSAL, 0)  # the end has no seed of its own, and needs none
         found = smooth.solve(past.log, past.track, past.places, scales, options, draws=_DRAWS, rng=rng)
         scales = found.scales
         if not options.fixed:
-            marks[alive] = smooth.given_tracks(found.track[None], found.marks, scales, past.log)[0]
+            marks[past.columns] = smooth.given_tracks(found.track[None], found.marks, scales, past.log)[0]
         off = found.draws - found.track
         off[:, :, 2] = wrap(off[:, :, 2])
         state.track.replace(found.track, np.einsum("nta,ntb->tab", off, off) / _DRAWS)
-    rows = marks[alive]
-    by_column = {column: name for name, column in state.names.items()}
-    table: dict[str, Any] = {"id": [by_column.get(k, str(k)) for k in alive.tolist()]}
-    table |= dict(zip(("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), rows[:, :5].T, strict=True))
-    table["sightings"] = np.bincount(past.log.of, minlength=alive.size)
+    table = landmarks.table(past, marks[past.columns], state.names)
     summary: dict[str, Any] = {
         "updates": state.track.updates,
-        "landmarks": int(alive.size),
+        "landmarks": int(past.columns.size),
         "resamplings": state.resamplings,
         "particles": params.particles,
         "smoothed": params.smooth,

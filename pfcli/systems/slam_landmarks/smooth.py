@@ -229,15 +229,23 @@ def _moved(now: _Unknowns, move: NDArray[np.float64], pattern: _Pattern) -> _Unk
     return out, marks, scales + move[pattern.scales :] if pattern.size > pattern.scales else scales
 
 
+def squared_errors(
+    track: NDArray[np.float64], marks: NDArray[np.float64], scales: NDArray[np.float64], log: Log
+) -> NDArray[np.float64]:
+    """(d,) squared errors of the detections, in their standard deviations."""
+    d = marks[log.of] - track[log.at, :2]
+    ranges = np.hypot(d[:, 0], d[:, 1]) * (1.0 + scales[0] + scales[1] * log.z[:, 1])
+    bearing = np.arctan2(d[:, 1], d[:, 0]) - track[log.at, 2]
+    errors = np.column_stack([ranges - log.z[:, 0], wrap(bearing - log.z[:, 1])])
+    return np.asarray(np.square(errors / log.sd).sum(axis=1))
+
+
 def _cost(track: NDArray[np.float64], marks: NDArray[np.float64], scales: NDArray[np.float64], log: Log) -> float:
     """Sum of squares of the steps and of the Cauchy cost of the detections; and of the scales."""
     off = between(track[:-1], track[1:]) * (1.0 + scales[[2, 2, 3]]) - log.step
     off[:, 2] = wrap(off[:, 2])
     off[:, 1] -= log.step_sd[:, 3] * off[:, 2]
-    d = marks[log.of] - track[log.at, :2]
-    ranges = np.hypot(d[:, 0], d[:, 1]) * (1.0 + scales[0] + scales[1] * log.z[:, 1])
-    bearing = np.arctan2(d[:, 1], d[:, 0]) - track[log.at, 2]
-    squares = np.square(np.column_stack([ranges - log.z[:, 0], wrap(bearing - log.z[:, 1])]) / log.sd).sum(axis=1)
+    squares = squared_errors(track, marks, scales, log)
     driven = float(np.square(off / log.step_sd[:, :3]).sum() + np.square(scales / _SCALES_SD).sum())
     return driven + float((_CAUCHY**2 * np.log1p(squares / _CAUCHY**2)).sum())
 
