@@ -202,7 +202,8 @@ def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
     else:
         raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
     aligned = None if result.given_frame else align_se2
-    return errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
+    found = errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
+    return found._replace(nees=found.normalised(result.track.columns))
 
 
 def provenance(job: Job) -> dict[str, Any]:
@@ -268,8 +269,7 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
     columns |= track.columns
     if run.errors is not None:
         columns |= {"error_m": run.errors.position_m, "error_yaw_rad": run.errors.yaw_rad}
-        nees = run.errors.nees(track.columns)
-        columns |= {} if nees is None else {"nees": nees}
+        columns |= {} if run.errors.nees is None else {"nees": run.errors.nees}
     parquet.write(folder / "track.parquet", columns, meta)
     parquet.write(folder / "metrics.parquet", parquet.columns_of(run.infos, job.system.info), meta)
     parquet.write(folder / "frames.parquet", _frame_columns(run.result), meta)
@@ -307,9 +307,6 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
     }
     if run.errors is not None:
         summary["truth"] = run.errors.summary()
-        nees = run.errors.nees(track.columns)
-        if nees is not None and np.isfinite(nees).any():
-            summary["truth"]["nees_mean"] = round(float(np.nanmean(nees)), 4)
     update_ms = 1e3 * run.seconds["loop"] / max(1, len(run.infos))
     summary["seconds"] = {k: round(v, 4) for k, v in run.seconds.items()}
     summary["ms_per_update"] = round(update_ms, 4)

@@ -18,7 +18,8 @@ from pfcli.batch.worker import fault, perform
 from pfcli.errors import UsageError
 from pfcli.outputs import output_dir
 
-_AHEAD, _ATTEMPTS = 4, 3
+_AHEAD = 4
+"""Jobs handed over for each thread of the cluster."""
 _ONE = threading.Lock()
 """A worker process has one replay at a time, whatever its threads: kernels set the number of threads of the process."""
 
@@ -49,9 +50,10 @@ def _stored(files: dict[str, bytes], folder: Path) -> Iterator[tuple[str, str]]:
 
 def run_dask(tasks: list[Task], tally: Tally, scheduler: str, *, send: bool) -> None:
     """Run all jobs on the cluster at `scheduler`; what came of each is in the tally. A worker that is lost gives its jobs to
-    others, three times at most. send: the workers do not see the files of this machine. Raises UsageError."""
+    others, as often as the scheduler allows (`distributed.scheduler.allowed-failures`). send: the workers do not see the files
+    of this machine. Raises UsageError."""
     try:
-        from distributed import Client, KilledWorker, as_completed
+        from distributed import Client, as_completed
     except ImportError:
         raise UsageError("--scheduler needs Dask: pip install 'pfcli[dask]'") from None
     try:
@@ -68,14 +70,14 @@ def run_dask(tasks: list[Task], tally: Tally, scheduler: str, *, send: bool) -> 
             whole = sorted({str(p) for path in named for p in (path, *_beside(path))})
             for name in whole:
                 if name not in sent:
-                    sent[name] = client.scatter(Path(name).read_bytes(), hash=True)
+                    # a result, not scattered data: the scheduler makes it anew where a worker took it along
+                    data = Path(name).read_bytes()
+                    sent[name] = client.submit(bytes, data, key=f"pfcli-file-{hashlib.sha256(data).hexdigest()}")
             return {name: sent[name] for name in whole}
 
         def begun(task: Task) -> Any:
             of[(key := f"pfcli-{task.key}")] = task
-            return client.submit(
-                remote, task.system, task.words, task.record(), files(task), key=key, pure=True, retries=_ATTEMPTS
-            )
+            return client.submit(remote, task.system, task.words, task.record(), files(task), key=key, pure=True)
 
         of: dict[str, Task] = {}
         queue = iter(tasks)
@@ -85,8 +87,6 @@ def run_dask(tasks: list[Task], tally: Tally, scheduler: str, *, send: bool) -> 
             task = of.pop(future.key)
             try:
                 code, why, contents = future.result()
-            except KilledWorker as error:
-                code, why, contents = 1, f"its workers died: {fault(error)}", {}
             except Exception as error:
                 code, why, contents = 1, fault(error), {}
             if why:

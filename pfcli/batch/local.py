@@ -8,7 +8,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import NamedTuple
 from pfcli.batch.manifest import Task
 from pfcli.batch.tally import Tally
 from pfcli.batch.worker import fault, perform
+from pfcli.errors import OutputError
 
 _LOOK_S, _TRIES, _TAIL = 0.25, 2, 4000
 
@@ -113,9 +114,8 @@ def _resident_mb(pid: int | None) -> float:
 
 
 def run_local(tasks: list[Task], tally: Tally, workers: int, limits: Limits) -> None:
-    """Run all jobs; what came of each is in the tally."""
-    queue: deque[tuple[Task, int]] = deque((task, 1) for task in tasks)
-    tries: dict[str, int] = {}
+    """Run all jobs; what came of each is in the tally. Raises OutputError where no worker can begin."""
+    queue, tries, in_vain = deque(tasks), Counter[str](), Counter[int]()
     logs = Path(tempfile.mkdtemp(prefix="pfcli-workers-"))
     pool: list[_Worker] = []
 
@@ -123,14 +123,19 @@ def run_local(tasks: list[Task], tally: Tally, workers: int, limits: Limits) -> 
         return _Worker(logs / f"{k}.log")
 
     def lost(k: int, why: str, *, again: bool) -> None:
-        """A worker is no more; its job, if it was not the job's fault for certain, is tried once again."""
+        """A worker is no more; its job, if it was not the job's fault for certain, is tried once again. Raises OutputError
+        where workers cannot even begin."""
         worker = pool[k]
         task, said = worker.task, worker.kill()
+        in_vain.update([k] if not worker.ready else [])
+        if in_vain[k] == _TRIES:
+            last = next((line for line in reversed(said.splitlines()) if line.strip()), "it said nothing")
+            raise OutputError(f"{tally.out}: a worker cannot begin: {why}: {last}")
         pool[k] = started(k)
         if task is None:
             return
         if again and tries[task.key] < _TRIES:
-            queue.append((task, tries[task.key] + 1))
+            queue.append(task)
         else:
             tally.fail(task, why, said)
 
@@ -139,8 +144,8 @@ def run_local(tasks: list[Task], tally: Tally, workers: int, limits: Limits) -> 
         while queue or any(worker.task for worker in pool):
             for worker in pool:
                 if worker.ready and worker.task is None and queue:
-                    task, tries_now = queue.popleft()
-                    tries[task.key] = tries_now
+                    task = queue.popleft()
+                    tries[task.key] += 1
                     with suppress(OSError):  # it died while it had nothing to do; that is seen below
                         worker.give(task, tally.target(task))
             wait([worker.line for worker in pool if worker.task is not None or not worker.ready], _LOOK_S)

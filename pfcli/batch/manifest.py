@@ -63,11 +63,12 @@ def read(path: Path) -> list[Task]:
     if unknown:
         raise UsageError(f"{path}: field {unknown[0]!r} is unknown; known: {', '.join(_FIELDS)}")
     found: dict[str, Task] = {}
+    logs, seeds = _logs(path, given), _seeds(path, given)
     for system in _systems(path, given):
-        for log in _logs(path, given):
+        for log in logs:
             for point in _points(path, given, system):
                 words = tuple(_words(path, system, _of(given.get("options", {}), system) | point, Path(log)))
-                for task in _tasks(path, system, log, _seeds(path, given), point, words):
+                for task in _tasks(path, system, log, seeds, point, words):
                     found.setdefault(task.key, task)
     return [found[key] for key in sorted(found)]
 

@@ -36,10 +36,10 @@ class Tally:
             with suppress(OSError):
                 if time.time() - part.stat().st_mtime > _STALE_S:
                     shutil.rmtree(part, ignore_errors=True)
-        left = [task for task in tasks if self.code(task) is None]
+        codes = [self.code(task) for task in tasks]
+        left = [task for task, code in zip(tasks, codes, strict=True) if code is None]
         self.skipped, self._total = len(tasks) - len(left), len(left)
-        again = {task.key for task in left}
-        self.partial = sum(self.code(task) == EXIT_PARTIAL for task in tasks if task.key not in again)
+        self.partial = codes.count(EXIT_PARTIAL)
         return left
 
     def code(self, task: Task) -> int | None:

@@ -165,14 +165,15 @@ class Aligner(Protocol):
 
 
 class Errors(NamedTuple):
-    """Against truth, per pose of the track (NaN where truth has none): position (m), heading (rad, signed), and the offset of
-    the position (n, 2) in the track's own frame (m)."""
+    """Against truth, per pose of the track (NaN where truth has none): position (m), heading (rad, signed), the offset of the
+    position (n, 2) in the track's own frame (m), and the NEES of the position, where the track's covariance is known."""
 
     position_m: _Array
     yaw_rad: _Array
     offset_m: _Array
+    nees: _Array | None = None
 
-    def nees(self, columns: Mapping[str, Any]) -> _Array | None:
+    def normalised(self, columns: Mapping[str, Any]) -> _Array | None:
         """Normalised squared errors of the positions (n,), 2 on average where the covariance is right (Bar-Shalom 2001, 5.4);
         None where the track has no covariance. columns: of the track."""
         names = ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
@@ -185,8 +186,10 @@ class Errors(NamedTuple):
             return np.asarray(np.where(det > 1e-18, (yy * x * x - 2 * xy * x * y + xx * y * y) / det, np.nan))
 
     def summary(self) -> dict[str, Any]:
-        """ATE (RMSE), mean, median and maximum."""
+        """ATE (RMSE), mean, median and maximum; the mean NEES where it is known."""
         p, a = (v[np.isfinite(v)] for v in (self.position_m, self.yaw_rad))
+        n = self.nees[np.isfinite(self.nees)] if self.nees is not None else np.empty(0)
+        nees = {"nees_mean": round(float(n.mean()), 4)} if n.size else {}
         return {
             "poses": int(p.size),
             "ate_m": round(float(np.sqrt((p**2).mean())), 6),
@@ -194,6 +197,7 @@ class Errors(NamedTuple):
             "median_m": round(float(np.median(p)), 6),
             "max_m": round(float(p.max()), 6),
             "heading_rmse_deg": round(float(np.degrees(np.sqrt((a**2).mean()))), 6),
+            **nees,
         }
 
 

@@ -17,7 +17,7 @@ from pfcli.batch import manifest, summary
 from pfcli.batch.local import Limits, run_local
 from pfcli.batch.tally import Tally
 from pfcli.batch.worker import perform
-from pfcli.errors import LogError, UsageError
+from pfcli.errors import LogError, OutputError, UsageError
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
@@ -232,9 +232,10 @@ def children(pid: int) -> list[int]:
 
 def test_a_worker_that_dies_takes_only_its_job_with_it_and_that_is_tried_again(tmp_path: Path) -> None:
     path, out = sweep(tmp_path, seeds=8), tmp_path / "out"
+    path.write_text(path.read_text().replace("end = 1", "end = 30"))
     batch = subprocess.Popen([*_PFCLI, "batch", path, "--out", out, "--workers", "2", "--json"], stdout=subprocess.PIPE)
     killed = 0
-    for _ in range(600):
+    for _ in range(4800):
         if batch.poll() is not None:
             break
         done = len(list((out / "jobs").glob("[0-9a-f]*"))) if (out / "jobs").is_dir() else 0
@@ -323,9 +324,9 @@ def test_a_dask_worker_killed_in_a_sweep_of_200_jobs_loses_nothing(
     out = tmp_path / "out"
     path = sweep(tmp_path / "s", seeds=100, particles="[4, 5]")
     batch = subprocess.Popen(
-        [*_PFCLI, "batch", path, "--out", out, "--scheduler", cluster[0], "--json"], stdout=subprocess.PIPE
+        [*_PFCLI, "batch", path, "--out", out, "--scheduler", cluster[0], "--send", "--json"], stdout=subprocess.PIPE
     )
-    for _ in range(1200):
+    for _ in range(4800):
         if out.exists() and len(list((out / "jobs").glob("[0-9a-f]*"))) > 60:
             break
         assert batch.poll() is None
@@ -333,6 +334,16 @@ def test_a_dask_worker_killed_in_a_sweep_of_200_jobs_loses_nothing(
     cluster[1][0].kill()
     told = json.loads(batch.communicate(timeout=240)[0])
     assert told == {"jobs": 200, "done": 200, "done_before": 0, "partial": 0, "failed": {}}
+
+
+def test_workers_that_cannot_begin_are_one_line_and_not_a_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tasks = manifest.read(sweep(tmp_path, seeds=1))
+    (tmp_path / "pfcli.py").write_text("raise ImportError('broken')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    tally = Tally(tmp_path / "out", "never")
+    with pytest.raises(OutputError, match=r"a worker cannot begin: its worker died \(exit code 1\)"):
+        run_local(tally.open(tasks), tally, 1, Limits())
 
 
 def test_nobody_at_the_scheduler_is_one_line(pfcli: Cli, tmp_path: Path) -> None:
@@ -423,7 +434,7 @@ def test_interrupted_it_says_what_is_done(tmp_path: Path) -> None:
         [*_PFCLI, "batch", sweep(tmp_path, seeds=50), "--out", tmp_path / "out", "--workers", "1"],
         stderr=subprocess.PIPE,
     )
-    for _ in range(600):
+    for _ in range(4800):
         if len(list((tmp_path / "out/jobs").glob("[0-9a-f]*"))) > 2:
             break
         time.sleep(0.05)

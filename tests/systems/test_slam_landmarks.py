@@ -232,9 +232,8 @@ def test_the_covariance_matches_the_errors(log: Path) -> None:
     """NEES of the smoothed positions: 2 if errors of one drive were independent; a drive has few independent ones."""
     ran = played(log, smooth=True)
     assert ran.errors is not None
-    nees = ran.errors.nees(ran.result.track.columns)
-    assert nees is not None
-    assert 0.05 < np.nanmean(nees) < 8.0
+    assert ran.errors.nees is not None
+    assert 0.05 < np.nanmean(ran.errors.nees) < 8.0
 
 
 def test_draws_of_the_track_have_the_spread_of_its_errors() -> None:
