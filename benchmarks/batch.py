@@ -22,6 +22,7 @@ import numpy as np
 from pfcli.batch import manifest, summary
 from pfcli.batch.local import Limits, run_local
 from pfcli.batch.tally import Tally
+from pfcli.formats import parquet
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 SWEEP = """logs = ["landmarks.mcap"]
@@ -129,7 +130,7 @@ def summarize(count: int) -> None:
         began = time.perf_counter()
         summary.write(folder / "out", folder / "summary.parquet")
         wrote = time.perf_counter() - began
-        found = summary.groups(folder / "out", "truth.ate_m")
+        found = summary.groups(parquet.rows(folder / "summary.parquet"), "truth.ate_m", folder)
         took = time.perf_counter() - began
         more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before
         size = (folder / "summary.parquet").stat().st_size / count

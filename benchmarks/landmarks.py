@@ -1,7 +1,6 @@
 """slam-gdr --landmarks on Bailey's worlds, on the paper's, and on recorded logs.
 
 python benchmarks/landmarks.py worlds [seeds]   densemap and webmap, two laps, 20 particles: RMSE without alignment
-python benchmarks/landmarks.py bound [seeds]    what least squares on all that was seen so far, and on everything, would give
 python benchmarks/landmarks.py paper [seeds]    figs 3-5, table 1: GDR against systematic resampling, paired, both worlds
 python benchmarks/landmarks.py real             MR.CLAM 6, robots 1, 3, 5, and the lectures' world
 python benchmarks/landmarks.py speed [PICTURE]  time of an observation by particles and landmarks
@@ -19,11 +18,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.optimize import least_squares
 
 from pfcli import run
-from pfcli.core import landmark_store
 from pfcli.core.geometry import compose
 from pfcli.events import Landmarks, Sighting
 from pfcli.formats import landmark_csv, landmarklogs
@@ -33,22 +29,10 @@ from pfcli.replay import Settings
 from pfcli.report.metrics import align_se2
 from pfcli.rng import Draw
 from pfcli.simulate import landmarks as simulated
-from pfcli.systems.slam_landmarks import history, smooth
 from pfcli.systems.slam_landmarks.params import Params
 
 DATA = Path(os.environ.get("PFCLI_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 SLAM = system("slam-gdr-landmarks")
-BAILEY: dict[str, Any] = {
-    "motion_xy_per_root_m": 0.0274,
-    "motion_xy_m": 0.002,
-    "motion_yaw_per_root_m": 0.0036,
-    "motion_yaw_per_root_rad": 0.02,
-    "motion_yaw_rad": 0.0003,
-    "motion_across_share": 0.05,
-    "motion_pivot_m": 4.0,
-}
-"""Noise of his controls (0.3 m/s, 3 degrees, each 25 ms), of a car whose pose is its front axle's."""
-
 FILTERS: dict[str, dict[str, Any]] = {
     "FastSLAM 1.0": {"proposal": "fastslam1", "rejuvenate_steps": 0, "resampler": "systematic"},
     "FastSLAM 2.0": {"rejuvenate_steps": 0, "resampler": "systematic"},
@@ -85,14 +69,14 @@ def driven(world: simulated.LandmarkWorld, given: dict[str, Any], seed: int) -> 
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
         simulated.write(world, seed, log)
-        params = Params(**({"particles": 20} | BAILEY | given))
+        params = Params(**({"particles": 20} | simulated.NOISE | given))
         found = run.execute(run.Job(SLAM, params, [log], seed, truth="auto", threads=1))
     seen = [now for now in simulated.play(world, seed) if now.seen is not None]
     truth = {now.stamp_ns: now.truth for now in seen}
     track = found.result.track
     off = track.poses[:, :2] - np.array([truth[t][:2] for t in track.stamps_ns.tolist()])
     assert found.errors is not None
-    nees = found.errors._replace(offset_m=off).nees(track.columns)
+    nees = found.errors._replace(offset_m=off).normalised(track.columns)
     assert nees is not None
     return Driven(
         np.hypot(*off.T),
@@ -131,90 +115,6 @@ def worlds(seeds: int) -> None:
                     f" NEES {np.median(nees):.2f}, {seeds} seeds",
                     flush=True,
                 )
-
-
-def _least_squares(log: smooth.Log, track: np.ndarray, marks: np.ndarray) -> np.ndarray:
-    """The track of plain least squares by scipy's solver: nothing of it is pfcli's but the list of measurements."""
-    n, known = log.step.shape[0], track[0]
-
-    def residuals(p: np.ndarray) -> np.ndarray:
-        poses, places = np.vstack([known, p[: 3 * n].reshape(n, 3)]), p[3 * n :].reshape(-1, 2)
-        a, b = poses[:-1], poses[1:]
-        c, s, d = np.cos(a[:, 2]), np.sin(a[:, 2]), b[:, :2] - a[:, :2]
-        turn = np.remainder(b[:, 2] - a[:, 2] - log.step[:, 2] + np.pi, 2 * np.pi) - np.pi
-        e = np.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], axis=1) - log.step[:, :2]
-        e[:, 1] -= log.step_sd[:, 3] * turn
-        off = places[log.of] - poses[log.at, :2]
-        bearing = np.arctan2(off[:, 1], off[:, 0]) - poses[log.at, 2] - log.z[:, 1]
-        seen = np.stack([np.hypot(*off.T) - log.z[:, 0], np.remainder(bearing + np.pi, 2 * np.pi) - np.pi], axis=1)
-        return np.concatenate([(np.column_stack([e, turn]) / log.step_sd[:, :3]).ravel(), (seen / log.sd).ravel()])
-
-    k, d = np.arange(n), np.arange(log.at.size)
-    rows = [
-        np.repeat(3 * np.repeat(k, 3) + np.tile(np.arange(3), n), 6),
-        np.repeat(3 * n + np.repeat(2 * d, 2) + np.tile([0, 1], d.size), 5),
-    ]
-    steps = np.repeat(3 * (k[:, None] - 1) + np.arange(6), 3, axis=0)
-    seen = np.column_stack([3 * (log.at[:, None] - 1) + np.arange(3), 3 * n + 2 * log.of[:, None] + np.arange(2)])
-    row, column = np.concatenate(rows), np.concatenate([steps.ravel(), np.repeat(seen, 2, axis=0).ravel()])
-    pattern = sparse.coo_matrix(
-        (np.ones(row.size)[column >= 0], (row[column >= 0], column[column >= 0])),
-        shape=(3 * n + 2 * d.size, 3 * n + marks.size),
-    )
-    start = np.concatenate([track[1:].ravel(), marks.ravel()])
-    found = least_squares(residuals, start, jac_sparsity=pattern.tocsr(), x_scale="jac", max_nfev=30, tr_solver="lsmr")
-    return np.vstack([known, found.x[: 3 * n].reshape(n, 3)])
-
-
-def bounds(name: str, seed: int) -> tuple[float, float, float]:
-    """RMSE of: least squares on all that was seen up to each 50th observation; on everything; on everything by scipy."""
-    kept: list[Any] = []
-
-    def finish(state: Any, assets: Any, params: Any) -> Any:
-        kept.append(state)
-        return SLAM.finish(state, assets, params)
-
-    world = bailey(name)
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "log.mcap"
-        simulated.write(world, seed, log)
-        params = Params(particles=20, rejuvenate_steps=0, **BAILEY)
-        run.execute(run.Job(SLAM._replace(finish=finish), params, [log], seed, threads=1))
-    truth = np.array([now.truth for now in simulated.play(world, seed) if now.seen is not None and now.seen.size])
-    best = int(np.argmax(kept[0].log_w))
-    past = history.of_particle(kept[0].history, best, landmark_store.landmarks(kept[0].store, best))
-    whole = smooth.solve(past.log, past.track, past.places)
-    reference = _least_squares(past.log, whole.track, whole.marks)
-    track, places, errors = whole.track[:1], whole.marks.copy(), []
-    for t in range(50, truth.shape[0], 50):
-        track, places = _upto(past.log, t, track, places)
-        errors.append(np.hypot(*(track[t] - truth[t])[:2]))
-    off = [rmse(np.hypot(*(t - truth)[:, :2].T)) for t in (whole.track, reference)]
-    return rmse(np.array(errors)), off[0], off[1]
-
-
-def _upto(log: smooth.Log, t: int, track: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares on what was seen up to observation t, from the solution of an earlier one."""
-    rows = list(track)
-    for step in log.step[len(rows) - 1 : t]:
-        rows.append(compose(rows[-1][None], step[None])[0])
-    seen = log.at <= t
-    used, of = np.unique(log.of[seen], return_inverse=True)
-    part = smooth.Log(log.step[:t], log.step_sd[:t], log.at[seen], of, log.z[seen], log.sd[seen])
-    found = smooth.solve(part, np.array(rows), places[used])
-    places = places.copy()
-    places[used] = found.marks
-    return found.track, places
-
-
-def bound(seeds: int) -> None:
-    with ProcessPoolExecutor(2) as pool:
-        for name in ("densemap", "webmap"):
-            found = np.array(list(pool.map(bounds, [name] * seeds, range(seeds))))
-            for k, label in enumerate(
-                ("least squares so far", "least squares of everything", "scipy's, of everything")
-            ):
-                print(f"{name}, {label}: median RMSE {interval(found[:, k])} m, {seeds} seeds", flush=True)
 
 
 def paper(seeds: int) -> None:
@@ -308,7 +208,7 @@ def speed(picture: str | None) -> None:
         world = simulated.SCENARIOS["landmarks-200"]._replace(landmarks=count, duration_s=90.0)
         seen = [now for now in simulated.play(world, 0) if now.seen is not None and now.z is not None]
         for particles in (20, 100):
-            params = Params(particles=particles, rejuvenate_steps=0, **BAILEY)
+            params = Params(particles=particles, rejuvenate_steps=0, **simulated.NOISE)
             draw, took, state = Draw(0), [], None
             for now in seen:
                 ids, unknown = tuple(str(i) for i in now.seen.tolist()), np.full((now.seen.size, 2), np.nan)
@@ -346,8 +246,8 @@ def _growth(rows: list[tuple[int, int, float]], path: Path) -> None:
 
 if __name__ == "__main__":
     many = int(sys.argv[2]) if len(sys.argv) > 2 and sys.argv[2].isdigit() else 50
-    if sys.argv[1] in ("worlds", "bound", "paper"):
-        {"worlds": worlds, "bound": bound, "paper": paper}[sys.argv[1]](many)
+    if sys.argv[1] in ("worlds", "paper"):
+        {"worlds": worlds, "paper": paper}[sys.argv[1]](many)
     elif sys.argv[1] == "real":
         real()
     else:

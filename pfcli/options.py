@@ -1,6 +1,5 @@
 """From parameter dataclasses to click options, TOML files and documentation rows."""
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from pfcli.initial import Initial, parse
 from pfcli.params import build, fields
 from pfcli.registry import LOCALISERS, MAPPED
 from pfcli.replay import Settings
-from pfcli.vision import RANGES, Image
+from pfcli.vision_options import image_of, vision_options
 
 _Command = Callable[..., Any]
 
@@ -91,7 +90,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
     if start is not None and end is not None and end <= start:
         raise UsageError(f"--end {end:g} must be later than --start {start:g}")
     topics = pairs(given["topic"], "--topic", roles)
-    image = _image(given["px_per_cm"], given["image_centre"])
+    image = image_of(given["px_per_cm"], given["image_centre"])
     return Settings(
         topics,
         given["clock"],
@@ -103,18 +102,6 @@ def settings_of(given: dict[str, Any]) -> Settings:
         image,
         given["landmark_ranges"],
     )
-
-
-def _image(px_per_cm: float | None, centre: str | None) -> Image | None:
-    if px_per_cm is None and centre is None:
-        return None
-    try:
-        x, y = (float(v) for v in (centre or "").split(","))
-    except ValueError:
-        raise UsageError("--px-per-cm and --image-centre X,Y (pixels) belong together") from None
-    if px_per_cm is None or not math.isfinite(x + y):
-        raise UsageError("--px-per-cm and --image-centre X,Y (pixels) belong together")
-    return Image(px_per_cm, (x, y))
 
 
 def localiser_options(name: str) -> Callable[[_Command], _Command]:
@@ -152,6 +139,7 @@ def initial_of(given: dict[str, Any]) -> Initial:
 
 def reading_options(command: _Command) -> _Command:
     """Options of every command that replays a log."""
+    command = vision_options(command)
     role_list = ", ".join(ROLES)
     for option in reversed(
         (
@@ -206,22 +194,6 @@ def reading_options(command: _Command) -> _Command:
                 default="auto",
                 show_default=True,
                 help="Where motion comes from.",
-            ),
-            click.option(
-                "--px-per-cm",
-                type=Finite(0, 1e4, min_open=True),
-                default=None,
-                help="Vision in pixels: its scale (0.286).",
-            ),
-            click.option(
-                "--image-centre", metavar="X,Y", default=None, help="Vision in pixels: where the robot is in it."
-            ),
-            click.option(
-                "--landmark-ranges",
-                type=click.Choice(RANGES),
-                default=RANGES[0],
-                show_default=True,
-                help="What ranges of landmarks are: the distance, or the depth along the camera's axis.",
             ),
         )
     ):

@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -78,7 +78,8 @@ def _numbers(table: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, flo
 
 
 def write(folder: Path, target: Path) -> list[str]:
-    """Write all rows into a Parquet file, some thousand at a time; returns the names of its numbers."""
+    """Write all rows into a Parquet file, some thousand at a time, in two passes: the first finds the columns. Returns the names
+    of its numbers."""
     numbers: dict[str, None] = {}
     points: dict[str, None] = {}
     for row in rows(folder):
@@ -98,18 +99,20 @@ def write(folder: Path, target: Path) -> list[str]:
     return sorted(numbers)
 
 
-def groups(folder: Path, metric: str) -> dict[Group, dict[int, float]]:
-    """Value of a metric by group and seed, NaN where a run has none. Raises LogError where two jobs are of the same seed."""
+def groups(table: Iterable[dict[str, Any]], metric: str, where: Path) -> dict[Group, dict[int, float]]:
+    """Value of a metric by group and seed, NaN where a run has none; table: rows of a folder, or of the file made of it. Raises
+    LogError where two jobs are of the same seed."""
     found: dict[Group, dict[int, float]] = {}
-    for row in rows(folder):
-        point = tuple((k.removeprefix("point."), str(v)) for k, v in sorted(row.items()) if k.startswith("point."))
+    for row in table:
+        given = ((k, v) for k, v in sorted(row.items()) if k.startswith("point.") and v is not None)
+        point = tuple((k.removeprefix("point."), str(v)) for k, v in given)
         group = found.setdefault(Group(row["system"], row["log"], point, row["group"]), {})
         if row["seed"] in group:
             twice = f"{row['system']} on {row['log']} with seed {row['seed']}"
             why = "pfcli, or a file that they name, changed between them"
-            raise LogError(f"{folder}: holds {twice} and the same options twice: {why}; give each its own --out")
-        value = row.get(metric, math.nan)
-        group[row["seed"]] = value if math.isfinite(value) else math.nan
+            raise LogError(f"{where}: holds {twice} and the same options twice: {why}; give each its own --out")
+        value = row.get(metric)
+        group[row["seed"]] = value if value is not None and math.isfinite(value) else math.nan
     return dict(sorted(found.items()))
 
 

@@ -34,7 +34,7 @@ from pfcli.errors import LogError, UsageError
 @click.option("--rpe-delta", type=click.IntRange(1), default=1, show_default=True, help="RPE over so many poses.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(track: Path, as_json: bool, **given: Any) -> int:
-    """Compare TRACK (TUM) with relations or truth, and judge the map beside it.
+    """Compare TRACK (TUM; `-`: standard input) with relations or truth, and judge the map beside it.
 
     Example: pfcli evaluate out/intel/track.tum --relations intel.relations
     """

@@ -39,6 +39,7 @@ def summarize(folder: Path, **given: Any) -> int:
     Example: pfcli summarize out/sweep --baseline out/sweep-of-main
     """
     from pfcli.batch import summary
+    from pfcli.formats import parquet
 
     target = given["out"] or folder / "summary.parquet"
     numbers = summary.write(folder, target)
@@ -48,7 +49,7 @@ def summarize(folder: Path, **given: Any) -> int:
     if metric not in numbers:
         raise UsageError(f"--metric {metric}: {folder} has no such number, but {', '.join(numbers)}")
     higher = given["higher_is_better"]
-    found = summary.groups(folder, metric)
+    found = summary.groups(parquet.rows(target), metric, folder)
     table = [{**_named(group), **summary.spread(list(values.values()))._asdict()} for group, values in found.items()]
     result: dict[str, Any] = {"out": str(target), "metric": metric, "groups": table, "failed": summary.failures(folder)}
     result["jobs"] = sum(len(values) for values in found.values())
@@ -57,7 +58,7 @@ def summarize(folder: Path, **given: Any) -> int:
     result["best"] = {system: {"point": dict(point), "mean": mean} for system, (point, mean) in best.items()}
     code = EXIT_DONE
     if given["baseline"] is not None:
-        before = summary.groups(given["baseline"], metric)
+        before = summary.groups(summary.rows(given["baseline"]), metric, given["baseline"])
         if not found.keys() & before.keys():
             raise UsageError(f"--baseline {given['baseline']}: has no job of the same log, system and options")
         changes = summary.changes(found, before, higher=higher)

@@ -30,9 +30,10 @@ def command(name: str) -> click.Command:
     """The click command of the system `name`; its kernels are imported only when it runs."""
     params = registry.params_class(name)
     second = registry.params_class(registry.LANDMARKS[name]) if name in registry.LANDMARKS else None
-    example = " --map map.yaml" if name in registry.MAPPED else ""
+    logs = "LOGS: MCAP files in order of time; `-`: standard input."
+    usage = f"Example: pfcli {name} log.mcap{' --map map.yaml' if name in registry.MAPPED else ''} --out out/run"
 
-    @click.command(name, help=f"{registry.SUMMARY[name]}\n\nExample: pfcli {name} log.mcap{example} --out out/run")
+    @click.command(name, help="\n\n".join((registry.SUMMARY[name], logs, usage)))
     @click.argument("logs", nargs=-1, required=True, type=Readable())
     @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
     @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")

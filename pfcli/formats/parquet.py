@@ -77,6 +77,13 @@ def columns_of(rows: Sequence[Any], kind: type) -> dict[str, Any]:
     return found
 
 
+def rows(path: Path) -> Iterator[dict[str, Any]]:
+    """Rows of a table, None where one has no value, some thousand in memory at a time."""
+    with pq.ParquetFile(path) as file:
+        for batch in file.iter_batches(4096):
+            yield from batch.to_pylist()
+
+
 def read(path: Path) -> dict[str, Any]:
     """Columns of a table as numpy arrays (strings as lists)."""
     try:

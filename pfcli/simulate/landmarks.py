@@ -96,6 +96,18 @@ def places(world: LandmarkWorld) -> tuple[NDArray[np.float64], NDArray[np.float6
     return middle + rng.uniform(-half, half, (world.landmarks, 2)), ring
 
 
+NOISE = {
+    "motion_xy_per_root_m": 0.0274,
+    "motion_xy_m": 0.002,
+    "motion_yaw_per_root_m": 0.0036,
+    "motion_yaw_per_root_rad": 0.02,
+    "motion_yaw_rad": 0.0003,
+    "motion_across_share": 0.05,
+    "motion_pivot_m": 4.0,
+}
+"""Parameters of `slam-gdr --landmarks` for this car: 0.3 m/s and 3 degrees each 25 ms, and a pose that is its front axle's."""
+
+
 class Instant(NamedTuple):
     """stamp; truth and odometry (3,); at observations: which landmarks were seen, their ranges and bearings (m, 2)."""
 

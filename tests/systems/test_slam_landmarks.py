@@ -25,15 +25,6 @@ from pfcli.systems.slam_landmarks.params import Params
 
 SLAM = system("slam-gdr-landmarks")
 WORLD = simulated.SCENARIOS["landmarks-sample"]._replace(laps=1)
-NOISE: dict[str, Any] = {
-    "motion_xy_per_root_m": 0.0274,
-    "motion_xy_m": 0.002,
-    "motion_yaw_per_root_m": 0.0036,
-    "motion_yaw_per_root_rad": 0.02,
-    "motion_yaw_rad": 0.0003,
-    "motion_across_share": 0.05,
-    "motion_pivot_m": 4.0,
-}
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
@@ -46,7 +37,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def played(log: Path, seed: int = 0, **given: Any) -> run.Run:
-    return run.execute(run.Job(SLAM, Params(**NOISE, **given), [log], seed, truth="auto"))
+    return run.execute(run.Job(SLAM, Params(**simulated.NOISE, **given), [log], seed, truth="auto"))
 
 
 def off(ran: run.Run) -> float:
