@@ -1,12 +1,18 @@
 PYTHON ?= python
 
-.PHONY: test lint docs bench golden samples slow
+SECONDS ?= 60
+
+.PHONY: test lint docs bench golden samples slow fuzz
 
 test:
 	$(PYTHON) -m pytest
 
 slow:
 	$(PYTHON) -m pytest -m slow
+
+fuzz:
+	$(PYTHON) -m pip install -q -e '.[fuzz]'
+	$(PYTHON) fuzz/run.py $(SECONDS)
 
 lint:
 	ruff check .

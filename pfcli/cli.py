@@ -7,12 +7,13 @@ from typing import Any
 import click
 
 from pfcli import __version__
-from pfcli.errors import EXIT_FAILED, EXIT_INTERRUPTED, PfcliError, reason
+from pfcli.errors import EXIT_FAILED, EXIT_INTERRUPTED, PfcliError, printable, reason
 from pfcli.registry import SUMMARY
 
 _COMMANDS = {
     "info": ("pfcli.commands.info:info", "What a log holds, and which systems it can feed."),
     "convert": ("pfcli.commands.convert:convert", "CARMEN logs, ROS bags and logs of wheel ticks -> MCAP."),
+    "repair": ("pfcli.commands.repair:repair", "A damaged or odd MCAP log -> a clean, indexed one."),
     "simulate": ("pfcli.commands.simulate:simulate", "Worlds, robots and sensors with truth -> MCAP."),
     "evaluate": ("pfcli.commands.evaluate:evaluate", "A track against truth or relations; a map against itself."),
     "calibrate": ("pfcli.commands.calibrate:calibrate", "What localize-reliable decides by, learnt from a map."),
@@ -68,7 +69,7 @@ def run() -> None:
         result: Any = main.main(standalone_mode=False, prog_name="pfcli")
         sys.exit(result if isinstance(result, int) else 0)
     except PfcliError as error:
-        click.echo(f"pfcli: {error}", err=True)
+        click.echo(f"pfcli: {printable(str(error))}", err=True)
         sys.exit(error.exit_code)
     except click.exceptions.Exit as done:
         sys.exit(done.exit_code)
@@ -85,5 +86,5 @@ def run() -> None:
         click.echo("pfcli: out of memory; fewer --particles or a coarser --resolution-m need less", err=True)
         sys.exit(EXIT_FAILED)
     except OSError as error:
-        click.echo(f"pfcli: {error.filename or 'input or output'}: {reason(error)}", err=True)
+        click.echo(f"pfcli: {printable(str(error.filename or 'input or output'))}: {reason(error)}", err=True)
         sys.exit(EXIT_FAILED)

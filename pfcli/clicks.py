@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from pfcli.errors import LogError, UsageError, reason
+from pfcli.limits import DEFAULTS
 
 
 class Finite(click.FloatRange):
@@ -45,6 +46,22 @@ class Readable(click.Path):
         with open(path, "wb") as out:
             shutil.copyfileobj(sys.stdin.buffer, out)
         return path
+
+
+max_chunk_option = click.option(
+    "--max-chunk-mib",
+    type=Finite(0, 1 << 20, min_open=True),
+    default=DEFAULTS.chunk_mib,
+    show_default=True,
+    help="A chunk of a log that holds more is left out [MiB].",
+)
+max_map_option = click.option(
+    "--max-map-mpx",
+    type=Finite(0, 1e5, min_open=True),
+    default=DEFAULTS.map_mpx,
+    show_default=True,
+    help="Largest map that is read [million pixels].",
+)
 
 
 @contextmanager

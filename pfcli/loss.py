@@ -11,10 +11,10 @@ class Loss:
         self.notes: list[str] = []
         self.read: Counter[str] = Counter()
 
-    def add(self, why: str, note: str) -> None:
-        """Count one loss; its first note of a kind is kept."""
+    def add(self, why: str, note: str, keep: int = 1) -> None:
+        """Count one loss; the first notes of a kind are kept."""
         self.counts[why] += 1
-        if self.counts[why] == 1:
+        if self.counts[why] <= keep:
             self.notes.append(note)
 
     def __bool__(self) -> bool:

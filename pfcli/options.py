@@ -1,5 +1,6 @@
 """From parameter dataclasses to click options, TOML files and documentation rows."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -7,17 +8,19 @@ from typing import Any
 import click
 
 from pfcli.align import SOURCES
-from pfcli.clicks import Finite, read_toml
+from pfcli.clicks import Finite, max_chunk_option, max_map_option, read_toml
 from pfcli.drive_options import wheel_options
 from pfcli.errors import UsageError
 from pfcli.formats.messages import ROLES
 from pfcli.initial import Initial, parse
+from pfcli.limits import DEFAULTS, Limits
 from pfcli.params import build, fields
 from pfcli.registry import LOCALISERS, MAPPED
 from pfcli.replay import Settings
 from pfcli.vision_options import image_of, vision_options
 
 _Command = Callable[..., Any]
+_FARTHEST_OFFSET_S = 2e9
 
 
 def system_options(params: type, landmarks: type | None = None) -> Callable[[_Command], _Command]:
@@ -85,7 +88,9 @@ def settings_of(given: dict[str, Any]) -> Settings:
         try:
             offsets[role] = float(text)
         except ValueError:
-            raise UsageError(f"--time-offset {role}={text}: expected seconds") from None
+            offsets[role] = math.nan
+        if not abs(offsets[role]) <= _FARTHEST_OFFSET_S:
+            raise UsageError(f"--time-offset {role}={text}: expected seconds")
     start, end = given["start"], given["end"]
     if start is not None and end is not None and end <= start:
         raise UsageError(f"--end {end:g} must be later than --start {start:g}")
@@ -101,6 +106,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
         given["extrinsic"],
         image,
         given["landmark_ranges"],
+        Limits(given["max_chunk_mib"], given["max_buffer_mib"], given.get("max_map_mpx", DEFAULTS.map_mpx)),
     )
 
 
@@ -113,7 +119,7 @@ def localiser_options(name: str) -> Callable[[_Command], _Command]:
         if name in MAPPED:
             command = click.option(
                 "--map", "map_file", type=click.Path(path_type=Path), required=True, help="Map YAML to localise in."
-            )(command)
+            )(max_map_option(command))
         for option in (
             click.option(
                 "--heading-prior", metavar="YAW[,SD]", default=None, help="Heading at the start and its spread (rad)."
@@ -175,6 +181,14 @@ def reading_options(command: _Command) -> _Command:
                 default=2.0,
                 show_default=True,
                 help="Messages may arrive so much too late [s].",
+            ),
+            max_chunk_option,
+            click.option(
+                "--max-buffer-mib",
+                type=Finite(0, 1 << 20, min_open=True),
+                default=DEFAULTS.buffer_mib,
+                show_default=True,
+                help="Messages that may wait within --reorder of one stamp [MiB].",
             ),
             click.option(
                 "--time-offset",

@@ -1,10 +1,10 @@
-"""The output directory: written beside its place and renamed in one step, so that a killed run leaves no half result."""
+"""Output files and folders: written beside their place and renamed in one step, so that a killed run leaves no half result."""
 
 import os
 import shutil
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pfcli.errors import OutputError, UsageError, reason
@@ -25,11 +25,51 @@ def output_dir(target: Path, *, force: bool) -> Iterator[Path]:
         raise OutputError(f"{target}: cannot be made ({reason(error)})") from None
     try:
         yield partial
+        for path in partial.rglob("*"):
+            if path.is_file():
+                _sync(path)
         _replace(partial, target)
     except OSError as error:
         raise OutputError(f"{target}: cannot be written ({reason(error)}); nothing was kept") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def check_file(target: Path, *, force: bool) -> None:
+    """Refuse a file early that could not be written in the end; `force`: it may be there already."""
+    if target.is_symlink() or target.is_dir():
+        raise OutputError(f"{target}: is a {'link' if target.is_symlink() else 'folder'}; name a file")
+    if target.exists() and not force:
+        raise UsageError(f"{target}: exists; say --force to replace it")
+    if not target.absolute().parent.is_dir():
+        raise OutputError(f"{target}: there is no folder {target.parent}")
+    if not os.access(target.absolute().parent, os.W_OK | os.X_OK):
+        raise OutputError(f"{target}: {target.absolute().parent} is not writable")
+
+
+@contextmanager
+def output_file(target: Path) -> Iterator[Path]:
+    """File to write; becomes `target` when the block ends without an error.
+
+    Raises OutputError where it cannot be written. A link is refused: what it points to was not named.
+    """
+    check_file(target, force=True)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part{target.suffix}")
+    try:
+        yield partial
+        _sync(partial)
+        os.replace(partial, target)
+    except OSError as error:
+        raise OutputError(f"{target}: cannot be written ({reason(error)})") from None
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """A name must not reach the disk before the bytes that it stands for."""
+    with open(path, "rb+") as file:
+        os.fsync(file.fileno())
 
 
 def check(target: Path, *, force: bool) -> None:
@@ -51,10 +91,11 @@ def check(target: Path, *, force: bool) -> None:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-def check_kind(picture: Path) -> None:
-    """Refuse a picture of a kind that cannot be drawn."""
+def check_picture(picture: Path) -> None:
+    """Refuse a picture that cannot be drawn or written."""
     if picture.suffix not in PICTURES:
         raise UsageError(f"--plot {picture}: the ending must be one of {', '.join(PICTURES)}")
+    check_file(picture, force=True)
 
 
 def _replace(partial: Path, target: Path) -> None:

@@ -214,7 +214,7 @@ def provenance(job: Job) -> dict[str, Any]:
         "seed": job.seed,
         "params": dict(sorted(vars_of(job.params).items())),
         "inputs": [{"name": path.name, "sha256": digest(path)} for path in job.paths],
-        "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {})},
+        "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {}) and k != "limits"},
         "motion": job.motion,
         **({"drive": list(job.drive)} if job.drive != Drive() else {}),
         **_place(job),

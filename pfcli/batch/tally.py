@@ -1,7 +1,6 @@
 """What became of the jobs of a batch: folders of done ones, records of failed ones, and the progress."""
 
 import json
-import os
 import shutil
 import sys
 import time
@@ -11,6 +10,7 @@ from typing import Any
 
 from pfcli.batch.manifest import Task
 from pfcli.errors import EXIT_PARTIAL
+from pfcli.outputs import output_file
 
 _STALE_S = 300.0
 
@@ -62,9 +62,8 @@ class Tally:
         folder = self.out / "failed"
         folder.mkdir(exist_ok=True)
         record: dict[str, Any] = {**task.record(), "why": why} | ({"log": log} if log else {})
-        partial = folder / f".{task.key}.{os.getpid()}.part"
-        partial.write_text(json.dumps(record, indent=2) + "\n")
-        os.replace(partial, folder / f"{task.key}.json")
+        with output_file(folder / f"{task.key}.json") as partial:
+            partial.write_text(json.dumps(record, indent=2) + "\n")
         self._report()
 
     def close(self) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from pfcli.errors import LogError, UsageError
+from pfcli.outputs import check_file, output_file
 
 
 @click.command()
@@ -34,8 +35,7 @@ def calibrate(
 
     Example: pfcli calibrate map.yaml log.mcap --out classifier.json
     """
-    if out.exists() and not force:
-        raise UsageError(f"{out}: exists; say --force to replace it")
+    check_file(out, force=force)
     from pfcli import align, registry, run
     from pfcli.commands.show import emit
     from pfcli.formats.messages import ROLES
@@ -63,6 +63,7 @@ def calibrate(
         raise LogError(
             f"{map_file}, {log}: too few simulated scans could be compared; is the map of that place, or too small?"
         )
-    decision.save(out, found, place.digest)
+    with output_file(out) as partial:
+        decision.save(partial, found, place.digest)
     values = {"out": str(out), "accuracy": round(found.accuracy, 4), "poses": poses, "sensor": list(found.sensor)}
     emit(values, [f"{out}: tells success from failure in {found.accuracy:.1%} of held-out scans"], as_json)

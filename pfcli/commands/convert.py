@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pfcli.clicks import Finite, streamed
-from pfcli.errors import LogError, UsageError
+from pfcli.errors import LogError
+from pfcli.outputs import check_file
 
 if TYPE_CHECKING:
     from pfcli.events import Scan
@@ -67,8 +68,7 @@ def _written(
     from pfcli.commands.show import emit, lost, say
     from pfcli.formats import landmarklogs, lineframes, rosbag, ticklogs
 
-    if target.exists() and not force:
-        raise UsageError(f"{target}: exists; say --force to replace it")
+    check_file(target, force=force)
     if not source.exists():
         raise LogError(f"{source}: no such file")
     marks = landmarklogs.reader_of(source)
@@ -125,8 +125,7 @@ def _landmarks(log: "LandmarkLog", target: Path, compression: str, force: bool, 
     from pfcli.formats.log_writer import LogWriter
 
     csv = target.with_name(f"{target.stem}-landmarks.csv")
-    if csv.exists() and not force:
-        raise UsageError(f"{csv}: exists; say --force to replace it")
+    check_file(csv, force=force)
     with LogWriter(target, compression) as out:
         for event in log.events:
             out.event(event)

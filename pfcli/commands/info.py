@@ -7,13 +7,14 @@ from typing import Any
 import click
 
 from pfcli import registry
-from pfcli.clicks import Readable
+from pfcli.clicks import Readable, max_chunk_option
 
 
 @click.command()
 @click.argument("logs", nargs=-1, required=True, type=Readable())
+@max_chunk_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per log.")
-def info(logs: tuple[Path, ...], as_json: bool) -> int:
+def info(logs: tuple[Path, ...], max_chunk_mib: float, as_json: bool) -> int:
     """What each LOG holds: topics, types, counts, rates, gaps, span, and which systems can run on it. `-`: standard input.
 
     Example: pfcli info --json *.mcap | jq -r '.log + " " + (.span_s | tostring)'
@@ -22,19 +23,20 @@ def info(logs: tuple[Path, ...], as_json: bool) -> int:
 
     code = 0
     for path in logs:
-        found, notes = _describe(path)
+        found, notes = _describe(path, max_chunk_mib)
         emit(found, list(_lines(found)), as_json)
         code = max(code, lost({"damage": len(notes)} if notes else {}, notes))
     return code
 
 
-def _describe(path: Path) -> tuple[dict[str, Any], list[str]]:
+def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[str]]:
     import numpy as np
 
     from pfcli.errors import printable
-    from pfcli.formats.mcap_records import McapFile
+    from pfcli.formats.mcap_file import McapFile
 
-    file = McapFile(path)
+    file = McapFile(path, max_chunk_mib)
+    file.survey()
     times: dict[int, list[Any]] = {}
     for batch in file.batches():
         for channel in np.unique(batch.channel).tolist():

@@ -5,18 +5,18 @@ from typing import Any
 
 import click
 
-from pfcli.errors import EXIT_DONE, EXIT_PARTIAL
+from pfcli.errors import EXIT_DONE, EXIT_PARTIAL, printable
 
 
 def say(text: str, quiet: bool = False) -> None:
     """A message to standard error."""
     if not quiet:
-        click.echo(f"pfcli: {text}", err=True)
+        click.echo(f"pfcli: {printable(text)}", err=True)
 
 
 def emit(result: dict[str, Any], lines: list[str], as_json: bool) -> None:
     """The result: one JSON object, or lines to read."""
-    click.echo(json.dumps(result) if as_json else "\n".join(lines))
+    click.echo(json.dumps(result) if as_json else "\n".join(map(printable, lines)))
 
 
 def lost(counts: dict[str, int], notes: list[str], quiet: bool = False) -> int:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from pfcli.errors import UsageError
+from pfcli.outputs import check_file
 
 
 @click.command()
@@ -34,8 +34,7 @@ def simulate(
         for name, known in library.all_scenarios().items():
             click.echo(f"{name:<18} {library.described(known)}")
         return
-    if target.exists() and not force:
-        raise UsageError(f"{target}: exists; say --force to replace it")
+    check_file(target, force=force)
     from pfcli.commands.show import emit
 
     found = library.load(scenario)

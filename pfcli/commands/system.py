@@ -19,7 +19,7 @@ from pfcli.options import (
     settings_of,
     system_options,
 )
-from pfcli.outputs import check, check_kind, interrupt_on_terminate, output_dir
+from pfcli.outputs import check, check_picture, interrupt_on_terminate, output_dir
 
 if TYPE_CHECKING:
     from pfcli import run
@@ -119,7 +119,7 @@ def parsed(name: str, words: Sequence[str]) -> "run.Job":
 def _run(name: str, given: dict[str, Any]) -> int:
     check(given["out"], force=given["force"])
     if given["plot"] is not None:
-        check_kind(given["plot"])
+        check_picture(given["plot"])
     interrupt_on_terminate()
     job = job_of(name, given)
 

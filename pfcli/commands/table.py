@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from pfcli import registry
-from pfcli.clicks import Finite
+from pfcli.clicks import Finite, max_map_option
 from pfcli.errors import LogError
 
 
@@ -17,10 +17,17 @@ from pfcli.errors import LogError
 @click.option(
     "--check", type=click.IntRange(0, 10_000_000), default=0, help="Compare so many random rays with exact ones."
 )
+@max_map_option
 @click.option("--force", is_flag=True, help="Build it again even if it is there.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def table(
-    map_file: Path, bins: int | None, table_range_m: float | None, check: int, force: bool, as_json: bool
+    map_file: Path,
+    bins: int | None,
+    table_range_m: float | None,
+    check: int,
+    max_map_mpx: float,
+    force: bool,
+    as_json: bool,
 ) -> None:
     """Build the range table of MAP (its YAML) for localize-lookup, or say what is in the cache.
 
@@ -32,7 +39,7 @@ def table(
 
     defaults = registry.params_class("localize-lookup")()
     bins, range_m = bins or defaults.bins, table_range_m or defaults.table_range_m
-    grid = map_yaml.read(map_file)
+    grid = map_yaml.read(map_file, max_map_mpx)
     seen = grid._replace(cells=raycast.unveiled(grid.cells, grid.resolution_m, defaults.veil_m))
     if not (grid.cells == 0).any() or not (grid.cells == 1).any():
         raise LogError(f"{map_file}: has no free cells or no occupied ones, so no range can be expected of it")

@@ -5,21 +5,21 @@ FLASER lines carry no angles: 180 beams start at -90 deg in steps of 1 deg, 360 
 number spans +-90 deg inclusive.
 """
 
-import bz2
-import gzip
 import itertools
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError
 from pfcli.events import Odometry, Pose2, Scan
+from pfcli.formats import text_files
 
 _SECOND = 1_000_000_000
+_LATEST_S = 1 << 31
 _TOP_SHARE = 0.99
 """The usable range ends this share below the value that a scanner repeats when nothing returns."""
 
@@ -36,28 +36,20 @@ class Record(NamedTuple):
     mount: Pose2 = Pose2()
 
 
-def open_text(path: Path) -> IO[str]:
-    """Open a text log, decompressing by its ending."""
-    opener = {".gz": gzip.open, ".bz2": bz2.open}.get(path.suffix, open)
-    handle: IO[str] = opener(path, "rt", encoding="utf-8", errors="replace")  # type: ignore[operator]
-    return handle
-
-
 def read(path: Path) -> tuple[list[Record], int]:
     """All records of a CARMEN log in file order, and how many lines could not be read."""
     records, broken = [], 0
-    try:
-        with open_text(path) as lines:
-            for line in lines:
-                words = line.split()
-                if not words or words[0] not in _PARSERS:
-                    continue
-                try:
-                    records.append(_PARSERS[words[0]](words))
-                except (ValueError, IndexError):
-                    broken += 1
-    except (OSError, EOFError) as error:
-        raise LogError(f"{path}: cannot be read as a CARMEN log ({reason(error)})") from None
+    for line in text_files.lines(path, "a CARMEN log"):
+        words = line.split()
+        if not words or words[0] not in _PARSERS:
+            continue
+        try:
+            record = _PARSERS[words[0]](words)
+            if not _is_stamp(record.stamp) or not np.isfinite([*record.odometry, *record.mount]).all():
+                raise ValueError
+            records.append(record)
+        except (ValueError, IndexError, OverflowError):
+            broken += 1
     if not records:
         raise LogError(f"{path}: holds no ODOM, FLASER or ROBOTLASER1 line (nor O and L lines in cm)")
     return records, broken
@@ -182,10 +174,16 @@ def _step_cost(dt_s: float) -> float:
     return dt_s * dt_s if dt_s >= 0 else 10.0 - dt_s
 
 
+def _is_stamp(text: str) -> bool:
+    """Whether a word is a decimal number of seconds that a message can hold."""
+    whole, _, fraction = text.partition(".")
+    return f"{whole}{fraction or 0}".isascii() and f"{whole}{fraction or 0}".isdigit() and int(whole or 0) < _LATEST_S
+
+
 def _candidates(text: str) -> list[int]:
     """The stamp as printed (ns), then with ever more zeros put back behind the point."""
     whole, _, fraction = text.partition(".")
-    seconds = int(whole) * _SECOND
+    seconds = int(whole or 0) * _SECOND
     digits = (fraction + "000000000")[:9]
     found = [seconds + int(digits)]
     short = fraction.ljust(6, "0")[:6]

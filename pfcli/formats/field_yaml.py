@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.sensor.field_lines import CELL_M, STEP_M, Lines, Table, build
-from pfcli.errors import LogError, UsageError, reason
+from pfcli.errors import LogError, UsageError
 from pfcli.events import Pose2
+from pfcli.formats import text_files
 from pfcli.formats.map_yaml import GridMap
 
 SHIPPED = Path(__file__).resolve().parents[1] / "fields"
@@ -60,16 +61,11 @@ def names() -> list[str]:
 
 def read(name: str) -> Field:
     """A field by name or from a YAML file. Raises LogError or UsageError naming the file and the field that is wrong."""
-    import yaml
-
     path = SHIPPED / f"{name}.yaml" if name in names() else Path(name)
     if path.suffix not in (".yaml", ".yml"):
         raise UsageError(f"no field {name!r}; there are {', '.join(names())}, or name a .yaml file")
-    try:
-        values = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise LogError(f"{path}: cannot be read as a field ({reason(error)})") from None
-    if not isinstance(values, dict):
+    values = text_files.mapping(path, "a field")
+    if values is None:
         raise LogError(f"{path}: is no field: expected {', '.join(_KNOWN)}")
     return _checked(path, _numbers(path, values))
 

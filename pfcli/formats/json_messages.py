@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pfcli.errors import reason
 from pfcli.events import (
     Event,
     Heading,
@@ -27,7 +28,7 @@ def stamp_of(payload: bytes) -> int:
     """Stamp of a JSON message (ns)."""
     try:
         stamp = json.loads(payload)["stamp_ns"]
-    except (KeyError, TypeError, UnicodeDecodeError):
+    except (KeyError, TypeError, UnicodeDecodeError, RecursionError):
         raise ValueError("has no field 'stamp_ns'") from None
     if isinstance(stamp, bool) or not isinstance(stamp, int) or not 0 <= stamp < 1 << 63:
         raise ValueError("field 'stamp_ns' is not a whole number of nanoseconds")
@@ -115,7 +116,7 @@ def decoder(schema: str) -> Callable[[Any, int, int, int], tuple[Event, str]]:
             return convert(message, stamp_ns)
         except KeyError as error:
             raise ValueError(f"has no field {error.args[0]!r}") from None
-        except (TypeError, AttributeError, UnicodeDecodeError) as error:
-            raise ValueError(f"does not follow its schema ({error})") from None
+        except (TypeError, AttributeError, OverflowError, UnicodeDecodeError, RecursionError) as error:
+            raise ValueError(f"does not follow its schema ({reason(error)})") from None
 
     return decode

@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pfcli.errors import LogError, OutputError, reason
+from pfcli.errors import LogError, reason
+from pfcli.formats import text_files
+from pfcli.outputs import output_file
 
 
 def read(path: Path) -> dict[str, tuple[float, float]]:
     """Landmarks by id. Raises LogError naming the file, the line and the field."""
     try:
-        rows = list(csv.DictReader(io.StringIO(path.read_text())))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.DictReader(io.StringIO(text_files.whole(path, "landmarks"))))
+    except csv.Error as error:
         raise LogError(f"{path}: cannot be read as landmarks ({reason(error)})") from None
     found: dict[str, tuple[float, float]] = {}
     for number, row in enumerate(rows, 2):
@@ -34,17 +36,13 @@ def read(path: Path) -> dict[str, tuple[float, float]]:
 
 def write(path: Path, places: Mapping[str, tuple[float, float]]) -> None:
     """Landmarks by id as CSV, in one rename. Raises OutputError where the file cannot be written."""
-    partial = path.with_name(f".{path.name}.part")
     rows: dict[str, Sequence[object]] = {
         "id": list(places),
         "x_m": [x for x, _ in places.values()],
         "y_m": [y for _, y in places.values()],
     }
-    try:
+    with output_file(path) as partial:
         partial.write_text(text(rows))
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({reason(error)})") from None
 
 
 def text(columns: Mapping[str, Sequence[object]]) -> str:

@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError
 from pfcli.events import Landmarks, Odometry, Truth, Twist
-from pfcli.formats.carmen import open_text
+from pfcli.formats import text_files
 
 _ROBOTS = range(1, 6)
 _STEP_NS = 1_000_000_000
+_WHAT = "a log of landmarks"
 
 
 class LandmarkLog(NamedTuple):
@@ -39,22 +40,18 @@ def reader_of(source: Path) -> Callable[[Path], LandmarkLog] | None:
 
 def _rows(path: Path, count: int, broken: list[str]) -> Iterator[list[float]]:
     """Rows of numbers; comments are passed over, other lines counted."""
-    try:
-        with open_text(path) as lines:
-            for line in lines:
-                words = line.split()
-                if not words or words[0].startswith("#"):
-                    continue
-                try:
-                    row = [float(w) for w in words[:count]]
-                    if len(row) < count or not all(map(math.isfinite, row)):
-                        raise ValueError
-                except ValueError:
-                    broken.append(line)
-                    continue
-                yield row
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise LogError(f"{path}: cannot be read as a log of landmarks ({reason(error)})") from None
+    for line in text_files.lines(path, _WHAT):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            row = [float(w) for w in words[:count]]
+            if len(row) < count or not all(map(math.isfinite, row)):
+                raise ValueError
+        except ValueError:
+            broken.append(line)
+            continue
+        yield row
 
 
 def _beside(source: Path, name: str) -> Path:
@@ -111,11 +108,7 @@ def stachniss(source: Path) -> LandmarkLog:
     x, y, yaw, stamp = 0.0, 0.0, 0.0, _STEP_NS
     events.append(Odometry(stamp, x, y, yaw))
     rows: list[tuple[str, float, float]] = []
-    try:
-        lines = source.read_text().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{source}: cannot be read as a log of landmarks ({reason(error)})") from None
-    for line in lines:
+    for line in text_files.lines(source, _WHAT):
         words = line.split()
         try:
             if words and words[0] == "ODOMETRY":

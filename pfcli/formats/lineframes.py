@@ -13,6 +13,7 @@ import numpy as np
 
 from pfcli.errors import LogError, reason
 from pfcli.events import Heading, LinePoints, Odometry, Truth
+from pfcli.formats import text_files
 
 STAMP_NS = 1_000_000_000
 
@@ -34,14 +35,16 @@ def falcons(source: Path) -> Frame:
     """Falcons: `Input.landmarks` in the robot's frame (m), `Output.candidates[0].pose` with x along the field's width and y
     along its length; here x runs along the length. Raises LogError for other files."""
     try:
-        found = json.loads(source.read_text())
+        found = json.loads(text_files.whole(source, "a frame"))
         points = np.array([[p["x"], p["y"]] for p in found["Input"]["landmarks"]], float)
         best = found.get("Output", {}).get("candidates", [])[:1]
         poses = [[float(b["pose"][k]) for k in ("x", "y", "rz")] for b in best]
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{source}: cannot be read ({reason(error)})") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise LogError(f"{source}: is no frame of the Falcons (field {error}); Input.landmarks is needed") from None
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise LogError(
+            f"{source}: is no frame of the Falcons (field {reason(error)}); Input.landmarks is needed"
+        ) from None
+    if not all(map(math.isfinite, (v for pose in poses for v in pose))):
+        raise LogError(f"{source}: its pose is not finite")
     truth = [Truth(STAMP_NS, y, -x, math.remainder(rz - math.pi / 2, 2 * math.pi)) for x, y, rz in poses]
     return _frame(source, points, truth)
 
@@ -49,10 +52,8 @@ def falcons(source: Path) -> Frame:
 def carpe_noctem(source: Path) -> Frame:
     """Carpe Noctem: rows of x, y (mm, robot's frame) and the robot's heading on the field (rad). Raises LogError for others."""
     try:
-        lines = source.read_text().splitlines()
+        lines = text_files.whole(source, "a frame").splitlines()
         rows = np.loadtxt(lines, ndmin=2) if any(map(str.strip, lines)) else np.empty((0, 0))
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{source}: cannot be read ({reason(error)})") from None
     except ValueError:
         rows = np.empty((0, 0))
     if rows.shape[1] != 3:

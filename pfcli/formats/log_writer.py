@@ -2,59 +2,52 @@
 
 import json
 import math
-import os
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from pfcli.errors import OutputError, reason
 from pfcli.events import Heading, Landmarks, LinePoints, Odometry, Pose2, Scan, Ticks, Truth, Twist
 from pfcli.formats.schemas import json_schema, ros2msg, typestore
+from pfcli.outputs import output_file
 
 _HEAD = b"\x00\x01\x00\x00"
 _SECOND = 1_000_000_000
 COMPRESSION = ("zstd", "lz4", "none")
 
 
+@contextmanager
+def mcap_writer(path: Path, compression: str = "zstd", profile: str = "ros2") -> Iterator[Any]:
+    """The mcap package's writer; the file appears when the block ends without an error. Raises OutputError."""
+    from mcap.writer import CompressionType, Writer
+
+    kinds = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+    with output_file(path) as partial, open(partial, "wb") as file:
+        writer = Writer(file, compression=kinds[compression])
+        writer.start(profile=profile, library="pfcli")
+        yield writer
+        writer.finish()
+
+
 class LogWriter:
     """Writes beside `path` and renames at the end, so that a killed run leaves no half log."""
 
     def __init__(self, path: Path, compression: str = "zstd") -> None:
-        from mcap.writer import CompressionType, Writer
-
-        self._path = path
-        self._partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-        kinds = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
-        try:
-            self._file = open(self._partial, "wb")
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({reason(error)})") from None
-        self._writer = Writer(self._file, compression=kinds[compression])
-        self._writer.start(profile="ros2", library="pfcli")
+        self._path, self._compression = path, compression
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
 
     def __enter__(self) -> Self:
+        self._stack = ExitStack()
+        self._writer = self._stack.enter_context(mcap_writer(self._path, self._compression))
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
-        try:
-            if kind is None:
-                self._writer.finish()
-                self._file.close()
-                os.replace(self._partial, self._path)
-        except OSError as error:
-            raise OutputError(f"{self._path}: cannot be written ({reason(error)})") from None
-        finally:
-            self._file.close()
-            self._partial.unlink(missing_ok=True)
-        if isinstance(value, OSError):
-            raise OutputError(f"{self._path}: cannot be written ({reason(value)})") from None
+    def __exit__(self, *failure: Any) -> None:
+        self._stack.__exit__(*failure)
 
     def raw(self, topic: str, schema: str, stamp_ns: int, payload: bytes, definition: str | None = None) -> None:
         """Append a payload whose encoding follows its type: `pfcli.*` is JSON, all else CDR."""

@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError, printable, reason
 from pfcli.events import Pose2
+from pfcli.formats import text_files
+from pfcli.limits import DEFAULTS
 
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
-MAX_PIXELS = 1 << 28
-Image.MAX_IMAGE_PIXELS = None  # the limit here is MAX_PIXELS, an error with a name instead of a warning
+Image.MAX_IMAGE_PIXELS = None  # the limit here is an error with a name instead of a warning
 
 
 class GridMap(NamedTuple):
@@ -47,13 +47,11 @@ def digest(grid: GridMap) -> str:
     return found.hexdigest()
 
 
-def read(path: Path) -> GridMap:
-    """Read a map by its YAML file; honours negate, modes, thresholds, PNG and rotated origins."""
-    try:
-        header = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise LogError(f"{path}: cannot be read as map YAML ({reason(error)})") from None
-    if not isinstance(header, dict):
+def read(path: Path, max_mpx: float = DEFAULTS.map_mpx) -> GridMap:
+    """Read a map by its YAML file; honours negate, modes, thresholds, PNG and rotated origins. Raises LogError, also where
+    the image has more than `max_mpx` million pixels."""
+    header = text_files.mapping(path, "map YAML")
+    if header is None:
         raise LogError(f"{path}: is not map YAML (no `image:` in it)")
     resolution = _number(path, header, "resolution", low=1e-4)
     free = _number(path, header, "free_thresh", 0.196)
@@ -66,13 +64,14 @@ def read(path: Path) -> GridMap:
     origin = header.get("origin", [0, 0, 0])
     if not isinstance(origin, list) or len(origin) < 2 or not all(_finite(v) for v in origin[:3]):
         raise LogError(f"{path}: origin must be [x, y, yaw]")
-    pixels = _image(path, header)
+    pixels = _image(path, header, max_mpx)
+    shades = np.arange(256)
     if mode == "raw":
-        cells = np.where(pixels == 0, 0, np.where(pixels <= 100, 1, -1)).astype(np.int8)
+        cell_of = np.where(shades == 0, 0, np.where(shades <= 100, 1, -1))
     else:
-        shade = pixels.astype(np.float64) / 255.0
-        p = shade if header.get("negate", 0) else 1.0 - shade
-        cells = np.where(p > occupied, 1, np.where(p < free, 0, -1)).astype(np.int8)
+        p = shades / 255.0 if header.get("negate", 0) else 1.0 - shades / 255.0
+        cell_of = np.where(p > occupied, 1, np.where(p < free, 0, -1))
+    cells = cell_of.astype(np.int8)[pixels]
     yaw = float(origin[2]) if len(origin) > 2 else 0.0
     return GridMap(np.ascontiguousarray(cells[::-1]), resolution, Pose2(float(origin[0]), float(origin[1]), yaw))
 
@@ -88,17 +87,24 @@ def _number(path: Path, header: dict[str, Any], name: str, default: float | None
     return float(value)  # type: ignore[arg-type]
 
 
-def _image(path: Path, header: dict[str, Any]) -> NDArray[np.uint8]:
+def _image(path: Path, header: dict[str, Any], max_mpx: float) -> NDArray[np.uint8]:
     name = header.get("image")
     if not isinstance(name, str):
         raise LogError(f"{path}: names no image")
     image = path.parent / name
+    if "\0" in name:
+        raise LogError(f"{path}: its image {printable(name)!r} cannot be there")
     try:
         with Image.open(image) as opened:
-            if opened.width * opened.height > MAX_PIXELS:
-                raise LogError(f"{image}: {opened.width} x {opened.height} pixels are more than a map can have")
+            if opened.width * opened.height > max_mpx * 1e6:
+                raise LogError(
+                    f"{image}: {opened.width} x {opened.height} pixels are more than {max_mpx:g} million;"
+                    " --max-map-mpx reads larger maps"
+                )
             return np.asarray(opened.convert("L"))
     except FileNotFoundError:
         raise LogError(f"{path}: its image {name!r} is not there") from None
-    except (OSError, SyntaxError, ValueError) as error:
+    except LogError:
+        raise
+    except Exception as error:  # Pillow raises whatever the reader of the format trips over
         raise LogError(f"{image}: cannot be read as an image ({reason(error)})") from None

@@ -1,26 +1,22 @@
-"""MCAP records in file order, so that a truncated or damaged log gives all that can be read.
+"""The records of MCAP data, found by a kernel: also past damage, where the next sane record begins.
 
-The walk needs no index, summary or footer. Message records are indexed by a kernel, a chunk at a time; nothing is
-decoded here. Source: the MCAP specification, version 0.
+Nothing is decoded here but what tells whether a record is sane. Source: the MCAP specification, version 0.
 """
 
 import struct
-import zlib
-from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.jit import kernel
-from pfcli.errors import LogError, printable, reason
+from pfcli.core.jit import inline_kernel, kernel
 
 MAGIC = b"\x89MCAP0\r\n"
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x0F, 0x02
+HEADER, FOOTER, SCHEMA, CHANNEL, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x06
+ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
+_PADDING = 4096
+"""Records may be longer than their fields, for fields of the future; by more than this they are taken for damage."""
 _BATCH = 8192
-MAX_CHUNK = 1 << 30
-"""A chunk that claims more than this many bytes is taken for damage."""
 
 
 class Channel(NamedTuple):
@@ -32,239 +28,191 @@ class Channel(NamedTuple):
     schema_name: str
     schema_encoding: str
     schema: bytes
+    metadata: bytes = b""
 
 
-class Batch(NamedTuple):
-    """Messages of one buffer: channel ids, times (ns), sequence and the place of each payload in `data`."""
+class Records(NamedTuple):
+    """What a piece of data holds, in its order.
 
-    data: bytes | memoryview
-    channel: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
-    publish_ns: NDArray[np.int64]
-    sequence: NDArray[np.int64]
-    offset: NDArray[np.int64]
-    length: NDArray[np.int64]
+    messages: int64 (n, 6): channel, sequence, log and publish time (ns), offset and length of the payload;
+    others: int64 (m, 3): opcode, offset and length of the body; gaps: int64 (g, 2): damaged bytes [from, to).
+    """
+
+    messages: NDArray[np.int64]
+    others: NDArray[np.int64]
+    gaps: NDArray[np.int64]
+
+
+@inline_kernel
+def _number(buffer, at, width):  # type: ignore[no-untyped-def]
+    """Little-endian integer; negative where 64 bits overflow."""
+    value = np.int64(0)
+    for k in range(width):
+        value |= np.int64(buffer[at + k]) << (8 * k)
+    return value
+
+
+@inline_kernel
+def _holds(length, needed):  # type: ignore[no-untyped-def]
+    """Whether a record of this length holds exactly these fields, or these and a padding."""
+    return 0 <= needed <= length <= needed + _PADDING
 
 
 @kernel
-def _index(buffer, start, out, others):  # type: ignore[no-untyped-def]
-    """Index records from `start`: messages into out (n, 6), all else into others (n, 3) as opcode, offset, length.
+def _strings(buffer, at, end, count):  # type: ignore[no-untyped-def]
+    """Position after `count` strings (or blobs) with 4-byte lengths; -1 where they run past the end."""
+    for _ in range(count):
+        if at + 4 > end:
+            return -1
+        at += 4 + _number(buffer, at, 4)
+        if at > end:
+            return -1
+    return at
 
-    Returns (next position, messages, others, state): state 0 at the end, 1 when the tables are full, 2 when the
-    record at the position is cut off.
+
+@kernel
+def _extent(buffer, at, known):  # type: ignore[no-untyped-def]
+    """Length of the body of the record at `at`; -1 where no sane record begins there."""
+    rest = buffer.size - at - 9
+    if rest < 0:
+        return -1
+    opcode, length, body = buffer[at], _number(buffer, at + 1, 8), at + 9
+    if length < 0 or length > rest:
+        return -1
+    sane = opcode >= 0x80  # private records can hold anything
+    if opcode == 0x05:
+        sane = length >= 22 and known[_number(buffer, body, 2)]
+    elif opcode == 0x06 and length >= 40:
+        name = _number(buffer, body + 28, 4)
+        sane = name <= 16 and length >= 40 + name and _holds(length, 40 + name + _number(buffer, body + 32 + name, 8))
+    elif opcode == 0x07 and length >= 6:
+        sane = _holds(length, 6 + _number(buffer, body + 2, 4))
+    elif opcode == 0x0F:
+        sane = _holds(length, 4)
+    elif opcode == 0x02:
+        sane = _holds(length, 20)
+    elif opcode == 0x01:
+        sane = _holds(length, _strings(buffer, body, body + length, 2) - body)
+    elif opcode == 0x03 and length >= 2:
+        sane = _holds(length, _strings(buffer, body + 2, body + length, 3) - body)
+    elif opcode == 0x04 and length >= 4:
+        sane = _holds(length, _strings(buffer, body + 4, body + length, 3) - body)
+    elif opcode == 0x09 and length >= 16:
+        after = _strings(buffer, body + 16, body + length, 2) - body
+        sane = 0 <= after <= length - 12 and _holds(length, after + 12 + _number(buffer, body + after, 8))
+    elif opcode == 0x0C:
+        sane = _holds(length, _strings(buffer, body, body + length, 2) - body)
+    elif opcode == 0x08:
+        sane = length >= 68
+    elif opcode == 0x0A:
+        sane = length >= 48
+    elif opcode == 0x0B:
+        sane = length >= 46
+    elif opcode == 0x0D:
+        sane = length >= 12
+    elif opcode == 0x0E:
+        sane = _holds(length, 17)
+    return length if sane else -1
+
+
+@kernel
+def _next(buffer, at, known):  # type: ignore[no-untyped-def]
+    """Where, from `at` on, the next sane record begins that two more follow (or the end); the size where none does.
+
+    A chunk with the name of a compression vouches for itself.
     """
-    position, count, rest = start, 0, 0
+    for start in range(at, buffer.size - 8):
+        if buffer[start] == 0 or buffer[start] > 0x0F or buffer[start + 8] != 0:
+            continue
+        position, links = start, 0
+        while links < 3:
+            length = _extent(buffer, position, known)
+            if length < 0:
+                break
+            named = buffer[position] == 0x06 and 3 <= _number(buffer, position + 37, 4) <= 4
+            position, links = position + 9 + length, links + 1
+            if named or position == buffer.size or buffer[position - 9 - length] == 0x02:
+                links = 3
+        if links == 3:
+            return start
+    return buffer.size
+
+
+@kernel
+def _index(buffer, start, messages, others, gaps, known):  # type: ignore[no-untyped-def]
+    """Fill the tables of `Records` from `start` until the end of the data section or until one of them is full.
+
+    known: bool (65536,): channels that were declared; grows with what is met. A message cannot tell whether its own
+    length is right: where nothing sane follows it, the search begins inside it.
+    Returns (next position, messages, others, gaps, whether there may be more).
+    """
+    position, count, rest, holes, doubt = start, 0, 0, 0, start
     while position < buffer.size:
-        if count == out.shape[0] or rest == others.shape[0]:
-            return position, count, rest, 1
-        if position + 9 > buffer.size:
-            return position, count, rest, 2
-        length = np.int64(0)
-        for k in range(8):
-            length |= np.int64(buffer[position + 1 + k]) << (8 * k)
-        if length < 0 or length > buffer.size - position - 9:
-            return position, count, rest, 2
+        if count == messages.shape[0] or rest == others.shape[0] or holes == gaps.shape[0]:
+            return position, count, rest, holes, True
+        length = _extent(buffer, position, known)
+        if length < 0:
+            found = _next(buffer, doubt, known)
+            gaps[holes, 0], gaps[holes, 1] = (position if position < found else doubt), found
+            holes += 1
+            position, doubt = found, found + 1
+            continue
         opcode, body = buffer[position], position + 9
-        if opcode == 0x05 and length >= 22:
-            out[count, 0] = np.int64(buffer[body]) | np.int64(buffer[body + 1]) << 8
-            for k in range(3):
-                value, width, at = np.int64(0), (4 if k == 0 else 8), body + (2, 6, 14)[k]
-                for j in range(width):
-                    value |= np.int64(buffer[at + j]) << (8 * j)
-                out[count, 1 + k] = value
-            out[count, 4] = body + 22
-            out[count, 5] = length - 22
+        if opcode == 0x05:
+            messages[count, 0] = _number(buffer, body, 2)
+            messages[count, 1] = _number(buffer, body + 2, 4)
+            messages[count, 2] = _number(buffer, body + 6, 8)
+            messages[count, 3] = _number(buffer, body + 14, 8)
+            messages[count, 4] = body + 22
+            messages[count, 5] = length - 22
             count += 1
+            doubt = body + 22
         else:
             others[rest, 0], others[rest, 1], others[rest, 2] = opcode, body, length
             rest += 1
+            doubt = body + length if opcode < 0x80 else body
+            if opcode == 0x04:
+                known[_number(buffer, body, 2)] = True
         position = body + length
         if opcode == 0x0F or opcode == 0x02:
-            return position, count, rest, 0
-    return position, count, rest, 0
+            return position, count, rest, holes, False
+    return position, count, rest, holes, False
 
 
-class McapFile:
-    """One MCAP file: its channels, its messages in file order, and what was lost on the way."""
+class Walk:
+    """Goes through `data`, uint8 (size,), from `position` on, some thousand records at a time."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.channels: dict[int, Channel] = {}
-        self.losses: list[str] = []
-        self.partial = False
-        self._schemas: dict[int, tuple[str, str, bytes]] = {0: ("", "", b"")}
-        try:
-            if path.is_dir():
-                raise LogError(f"{path}: is a folder; name the .mcap file in it")
-            size = path.stat().st_size
-            if size == 0:
-                raise LogError(f"{path}: is empty; nothing was recorded")
-            self._bytes = np.memmap(path, np.uint8, mode="r")
-            self._view = memoryview(self._bytes.data)
-        except OSError as error:
-            raise LogError(f"{path}: cannot be read ({reason(error)})") from None
-        if bytes(self._bytes[:8]) != MAGIC:
-            raise LogError(
-                f"{path}: is not an MCAP file; `pfcli convert` makes one from CARMEN logs, ROS bags and logs of wheel ticks"
-            )
+    def __init__(self, data: NDArray[np.uint8], known: NDArray[np.bool_], position: int = 0) -> None:
+        self.position = position
+        self.more = True
+        self._data, self._known = data, known
 
-    def survey(self) -> None:
-        """Fill `channels` from the summary section, or by a walk where the file has none."""
-        if not self._read_summary():
-            for _ in self.batches():
-                pass
-            self.losses.clear()
-            self.partial = False
-
-    def _read_summary(self) -> bool:
-        data = self._bytes
-        if data.size < 8 + 9 + 20 + 8 or bytes(data[-8:]) != MAGIC:
-            return False
-        foot = data.size - 8 - 29
-        opcode, length, start = struct.unpack_from("<BQQ", data[foot : foot + 29].tobytes())
-        if opcode != _FOOTER or length != 20 or not 8 <= start < foot:
-            return False
-        summary = data[start:foot].tobytes()
-        rows, others = np.empty((1, 6), np.int64), np.empty((65536, 3), np.int64)
-        _, _, rest, state = _index(np.frombuffer(summary, np.uint8), 0, rows, others)
-        self._declare(summary, others[:rest])
-        return state == 0 and bool(self.channels)
-
-    def batches(self) -> Iterator[Batch]:
-        """Messages, a buffer at a time, in file order; what cannot be read is noted in `losses`."""
-        others = np.empty((_BATCH, 3), np.int64)
-        position, state, opcode = 8, 1, 0
-        data = self._bytes
-        while state == 1:
-            rows = np.empty((_BATCH, 6), np.int64)
-            start = position
-            position, count, rest, state = _index(data, position, rows, others)
-            top = self._view[start:position]
-            tables = others[:rest].copy()
-            tables[:, 1] -= start
-            self._declare(top, tables)
-            if count:
-                rows = rows[:count]
-                rows[:, 4] -= start
-                yield _batch(top, rows)
-            for opcode, offset, length in tables.tolist():
-                if opcode == _CHUNK:
-                    yield from self._chunk(top[offset : offset + length], start + offset)
-        if state == 2 and position + 9 < data.size and data[position] == _CHUNK:
-            self._lose(f"cut off inside a chunk at byte {position}")
-            yield from self._chunk(self._view[position + 9 :], position + 9, cut=True)
-        elif state == 2:
-            self._lose(f"cut off at byte {position}")
-        elif opcode not in (_DATA_END, _FOOTER):
-            self._lose("ends without a footer; the recorder was stopped hard")
-
-    def _lose(self, what: str) -> None:
-        self.partial = True
-        self.losses.append(f"{self.path}: {what}")
-
-    def _chunk(self, record: memoryview, where: int, *, cut: bool = False) -> Iterator[Batch]:
-        try:
-            size, crc, name_length = struct.unpack_from("<QII", record, 16)
-            compression = bytes(record[32 : 32 + name_length]).decode("ascii", "replace")
-            if len(compression) > 16:
-                raise struct.error
-            (stored,) = struct.unpack_from("<Q", record, 32 + name_length)
-        except struct.error:
-            self._lose(f"chunk at byte {where} has no readable header")
-            return
-        if size > MAX_CHUNK:
-            self._lose(f"chunk at byte {where} claims {size} bytes")
-            return
-        body = record[40 + name_length : 40 + name_length + stored]
-        records, whole = _decompress(compression, body, size, cut=cut)
-        if not whole and not cut:
-            self._lose(
-                f"chunk at byte {where} ({printable(compression) or 'uncompressed'}) cannot be decompressed whole"
-            )
-        elif not cut and crc and zlib.crc32(records) != crc:
-            self._lose(f"chunk at byte {where} fails its checksum; its messages are used as far as they can be")
-        yield from self._records(records, where)
-
-    def _records(self, records: bytes | memoryview, where: int) -> Iterator[Batch]:
-        view = np.frombuffer(records, np.uint8)
-        position, state = 0, 1
-        others = np.empty((1024, 3), np.int64)
-        while state == 1:
-            rows = np.empty((_BATCH, 6), np.int64)
-            position, count, rest, state = _index(view, position, rows, others)
-            self._declare(records, others[:rest])
-            if count:
-                yield _batch(records, rows[:count])
-        if state == 2 and not self.partial:
-            self._lose(f"chunk at byte {where} ends inside a record")
-
-    def _declare(self, data: bytes | memoryview, records: NDArray[np.int64]) -> None:
-        """Take up the schema and channel records among `records`."""
-        for opcode, offset, length in records.tolist():
-            body = bytes(data[offset : offset + length]) if opcode in (_SCHEMA, _CHANNEL) else b""
-            try:
-                if opcode == _SCHEMA:
-                    (ident,) = struct.unpack_from("<H", body)
-                    name, at = _string(body, 2)
-                    encoding, at = _string(body, at)
-                    (size,) = struct.unpack_from("<I", body, at)
-                    self._schemas[ident] = (name, encoding, body[at + 4 : at + 4 + size])
-                elif opcode == _CHANNEL:
-                    ident, schema = struct.unpack_from("<HH", body)
-                    topic, at = _string(body, 4)
-                    encoding, at = _string(body, at)
-                    self.channels[ident] = Channel(ident, topic, encoding, *self._schemas.get(schema, ("", "", b"")))
-            except (struct.error, UnicodeDecodeError):
-                self._lose(f"a schema or channel record of {length} bytes cannot be read")
+    def step(self) -> Records:
+        """The next records; their offsets count from the beginning of the data."""
+        messages = np.empty((_BATCH, 6), np.int64)
+        others, gaps = np.empty((_BATCH, 3), np.int64), np.empty((64, 2), np.int64)
+        self.position, n, m, g, self.more = _index(self._data, self.position, messages, others, gaps, self._known)
+        return Records(messages[:n], others[:m], gaps[:g])
 
 
-def _string(body: bytes, at: int) -> tuple[str, int]:
+def string(body: bytes, at: int) -> tuple[str, int]:
+    """The string at `at` and the position after it. Raises struct.error or UnicodeDecodeError."""
+    data, after = blob(body, at)
+    return data.decode(), after
+
+
+def pairs(data: bytes) -> dict[str, str]:
+    """A map of strings as records keep it. Raises struct.error or UnicodeDecodeError."""
+    at, found = 0, {}
+    while at < len(data):
+        key, at = string(data, at)
+        found[key], at = string(data, at)
+    return found
+
+
+def blob(body: bytes, at: int) -> tuple[bytes, int]:
+    """The bytes at `at`, whose length is in front of them, and the position after them. Raises struct.error."""
     (length,) = struct.unpack_from("<I", body, at)
     if at + 4 + length > len(body):
         raise struct.error
-    return body[at + 4 : at + 4 + length].decode(), at + 4 + length
-
-
-def _batch(data: bytes | memoryview, rows: NDArray[np.int64]) -> Batch:
-    columns = rows.T.copy()
-    return Batch(data, columns[0], columns[2], columns[3], columns[1], columns[4], columns[5])
-
-
-def _decompress(name: str, body: memoryview, size: int, *, cut: bool) -> tuple[bytes | memoryview, bool]:
-    """Records of a chunk and whether all of them are there; of a damaged chunk what comes before the damage."""
-    if name == "":
-        return body, len(body) == size
-    if name == "zstd":
-        import zstandard
-
-        if not cut:
-            try:
-                whole = zstandard.ZstdDecompressor().decompress(body, max_output_size=size)
-                return whole, len(whole) == size
-            except zstandard.ZstdError:
-                pass
-        return _piecewise(zstandard.ZstdDecompressor().decompressobj(), body, size, zstandard.ZstdError), False
-    if name == "lz4":
-        import lz4.frame
-
-        if not cut:
-            try:
-                whole = lz4.frame.decompress(body)
-                return whole, len(whole) == size
-            except (RuntimeError, EOFError):
-                pass
-        return _piecewise(lz4.frame.LZ4FrameDecompressor(), body, size, (RuntimeError, EOFError)), False
-    return b"", False
-
-
-def _piecewise(stream: object, body: memoryview, size: int, errors: object) -> bytes:
-    """Decompress in small pieces until the data or its claimed size ends."""
-    out = bytearray()
-    for start in range(0, len(body), 1024):
-        try:
-            out += stream.decompress(bytes(body[start : start + 1024]))  # type: ignore[attr-defined]
-        except errors:  # type: ignore[misc]
-            break
-        if len(out) >= size:
-            break
-    return bytes(out[:size])
+    return body[at + 4 : at + 4 + length], at + 4 + length

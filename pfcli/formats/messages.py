@@ -34,7 +34,7 @@ from pfcli.formats.json_messages import heading
 from pfcli.formats.schemas import typestore
 
 SECOND = 1_000_000_000
-_EVERY_M = 0.2
+_EVERY_M, _LONGEST_MARKING_M = 0.2, 1000.0
 
 ROLES: dict[str, dict[str, type]] = {
     "odometry": {"nav_msgs/msg/Odometry": Odometry, "pfcli.Odometry": Odometry},
@@ -119,8 +119,6 @@ def _scan(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Scan, s
     if at + 32 + 4 * count > end:
         raise ValueError("field 'ranges' is longer than its message")
     ranges = np.frombuffer(buffer, np.float32, count, at + 32)
-    if not (math.isfinite(low) and math.isfinite(step)) or (step == 0.0 and count > 1):
-        raise ValueError("field 'angle_increment' is zero or not finite")
     return Scan(stamp_ns, ranges, low, step, shortest, longest, Pose2()), frame
 
 
@@ -141,10 +139,7 @@ class _OdometryDecoder:
         if at + 680 > end:
             raise ValueError("message is shorter than its type")
         x, y, _, qx, qy, qz, qw, vx, vy, _, _, _, wz = _ODOMETRY.unpack_from(buffer, at)
-        yaw = yaw_of(qx, qy, qz, qw)
-        if not math.isfinite(x + y + yaw):
-            raise ValueError("field 'pose' is not finite")
-        return Odometry(stamp_ns, x, y, yaw, vx, vy, wz), self._frame
+        return Odometry(stamp_ns, x, y, yaw_of(qx, qy, qz, qw), vx, vy, wz), self._frame
 
     def _parse(self, buffer: Any, start: int, end: int) -> None:
         self._head = b""
@@ -260,7 +255,10 @@ def _markings(m: Any, t: int) -> tuple[LinePoints, str]:
 def _along(segment: Any) -> Any:
     """Points every 20 cm of a line segment."""
     a, b = (np.array([p.x, p.y]) for p in (segment.start, segment.end))
-    count = int(np.hypot(*(b - a)) / _EVERY_M) + 2 if np.isfinite(a + b).all() else 0
+    length = float(np.hypot(*(b - a)))
+    if length > _LONGEST_MARKING_M:
+        raise ValueError(f"has a marking of {length:g} m")
+    count = int(length / _EVERY_M) + 2 if math.isfinite(length) else 0
     return a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
 
 

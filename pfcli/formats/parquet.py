@@ -1,7 +1,6 @@
 """Parquet tables with units in the field metadata and what determines them in the file metadata."""
 
 import json
-import os
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,7 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pfcli.errors import LogError, OutputError, reason
+from pfcli.errors import LogError, reason
+from pfcli.outputs import output_file
 
 _UNITS = (
     ("_ns", "ns"),
@@ -50,19 +50,15 @@ def rows_writer(path: Path, kinds: Mapping[str, str]) -> Iterator[Callable[[Sequ
     """What writes rows, some at a time, into a table with columns of these kinds (text, int, float); a row may lack some. The
     file appears when the block ends without an error. Raises OutputError."""
     schema = pa.schema([pa.field(name, _KINDS[kind], metadata={"unit": unit_of(name)}) for name, kind in kinds.items()])
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with pq.ParquetWriter(partial, schema, compression="zstd", version="2.6") as out:
+    with (
+        output_file(path) as partial,
+        pq.ParquetWriter(partial, schema, compression="zstd", version="2.6") as out,
+    ):
 
-            def write_rows(rows: Sequence[Mapping[str, Any]]) -> None:
-                out.write_batch(pa.RecordBatch.from_pylist([dict(row) for row in rows], schema))
+        def write_rows(rows: Sequence[Mapping[str, Any]]) -> None:
+            out.write_batch(pa.RecordBatch.from_pylist([dict(row) for row in rows], schema))
 
-            yield write_rows
-        os.replace(partial, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({reason(error)})") from None
-    finally:
-        partial.unlink(missing_ok=True)
+        yield write_rows
 
 
 def columns_of(rows: Sequence[Any], kind: type) -> dict[str, Any]:

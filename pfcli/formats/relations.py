@@ -4,7 +4,8 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError
+from pfcli.formats import text_files
 
 
 class Relation(NamedTuple):
@@ -20,11 +21,7 @@ class Relation(NamedTuple):
 def read(path: Path) -> list[Relation]:
     """All relations of a file. Raises LogError naming the line that is wrong."""
     found = []
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({reason(error)})") from None
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(text_files.lines(path, "relations"), 1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue

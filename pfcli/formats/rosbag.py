@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError, OutputError, reason
 from pfcli.formats.log_writer import LogWriter
 from pfcli.formats.schemas import ros_types, typestore
 
 
 def convert(source: Path, target: Path, compression: str) -> dict[str, int | str]:
     """Copy every message of a type that pfcli knows; counts of copied and left-out messages."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
 
     folder = source.parent if source.suffix == ".db3" else source
     known = set(ros_types())
@@ -28,7 +28,9 @@ def convert(source: Path, target: Path, compression: str) -> dict[str, int | str
                     payload = bytes(raw)
                 log.raw(connection.topic, connection.msgtype, stamp_ns, payload)
                 copied += 1
-    except (AnyReaderError, OSError) as error:
+    except (LogError, OutputError):
+        raise
+    except Exception as error:  # rosbags raises whatever its readers and generated code trip over
         raise LogError(f"{source}: cannot be read as a ROS bag ({reason(error)})") from None
     if copied == 0:
         raise LogError(f"{source}: holds no message of a type that pfcli reads; see `schemas/`")

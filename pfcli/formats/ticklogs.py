@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError
 from pfcli.events import Pose2, Scan, Ticks, Truth
-from pfcli.formats.carmen import open_text
+from pfcli.formats import text_files
 
 _MS, _US = 1_000_000, 1_000
 _LATEST_NS = (1 << 31) * 1_000_000_000
@@ -47,11 +47,7 @@ def reader_of(source: Path) -> Callable[[Path], TickLog] | None:
 
 
 def _lines(path: Path) -> Iterator[str]:
-    try:
-        with open_text(path) as lines:
-            yield from lines
-    except (OSError, EOFError) as error:
-        raise LogError(f"{path}: cannot be read as a log of ticks ({reason(error)})") from None
+    return text_files.lines(path, "a log of ticks")
 
 
 def tinyslam(source: Path) -> TickLog:
@@ -71,10 +67,10 @@ def tinyslam(source: Path) -> TickLog:
             left, right = (int(words[2]), int(words[3])) if before == 24 else (int(words[1]), -int(words[2]))
             stamp = _stamp(int(words[0]) * _US)
             ranges = np.array(words[before : before + _URG_BEAMS], np.float32) * np.float32(1e-3)
-        except ValueError:
+        except (ValueError, OverflowError):
             broken += bool(words)
             continue
-        events.append(Ticks(stamp, ("left", "right"), np.array([left, right]), 2000.0, True))
+        events.append(Ticks(stamp, ("left", "right"), np.array([left, right], np.int64), 2000.0, True))
         events.append(Scan(stamp, _none(ranges), start, _URG_STEP_RAD, 0.02, 4.0, Pose2()))
     hint = "--motion encoders --wheel-radius-m 0.077 --track-width-m 0.33"
     return _checked(source, TickLog(events, Pose2(0.145, 0.0, 0.0), broken, hint))
@@ -93,7 +89,7 @@ def lego(folder: Path) -> TickLog:
             words = line.split()
             try:
                 if words and words[0] == "M":
-                    ticks = np.array([int(words[2]), int(words[6])])
+                    ticks = np.array([int(words[2]), int(words[6])], np.int64)
                     events.append(Ticks(_stamp(int(words[1]) * _MS), ("left", "right"), ticks, 360.0, True))
                 elif words and words[0] == "S":
                     ranges = np.array(words[3:], np.float32) * np.float32(1e-3)
@@ -101,7 +97,7 @@ def lego(folder: Path) -> TickLog:
                         raise ValueError
                     low, step = -330 * 0.006135923 - 0.0698132, 0.006135923
                     events.append(Scan(_stamp(int(words[1]) * _MS), _none(ranges), low, step, 0.02, 4.0, Pose2()))
-            except (ValueError, IndexError):
+            except (ValueError, IndexError, OverflowError):
                 broken += 1
     hint = "--motion encoders --wheel-radius-m 0.019996 --track-width-m 0.155"
     return _checked(folder, TickLog(events, Pose2(0.03, 0.0, 0.0), broken, hint))
@@ -120,11 +116,11 @@ def tricycle(source: Path) -> TickLog:
             elif words and words[0] == "time":
                 whole, _, fraction = words[1].partition(".")
                 stamp = _stamp(int(whole) * 1_000_000_000 + int((fraction + "0" * 9)[:9]))
-                names, ticks = ("steering", "traction"), np.array([int(words[3]), int(words[4])])
+                names, ticks = ("steering", "traction"), np.array([int(words[3]), int(words[4])], np.int64)
                 x, y, yaw = (float(v) for v in words[10:13])
                 events.append(Ticks(stamp, names, ticks, tops[1], True))
                 events.append(Truth(stamp, x, y, yaw))
-        except (ValueError, IndexError):
+        except (ValueError, IndexError, OverflowError):
             broken += 1
     hint = "a tricycle: steering in 1/8192 turns, traction in 1/5000 turns"
     return _checked(source, TickLog(events, Pose2(*mount, 0.0), broken, hint))
@@ -148,7 +144,7 @@ def optiodom(source: Path) -> TickLog:
     try:
         kind, turn = meta["type"][0], float(meta["ngear"][0]) * float(meta["encRes"][0])
         arms, diameter = [float(v) for v in meta["Li"]], [float(v) for v in meta["Di"]]
-        wheels = {"omni3": 3, "omni4": 4}[kind]
+        wheels, _ = {"omni3": 3, "omni4": 4}[kind], (arms[0], diameter[0])
     except (KeyError, IndexError, ValueError):
         raise LogError(f"{_metadata(source)}: fields type (omni3, omni4), ngear, encRes, Li, Di are needed") from None
     fine = 1.0 if turn > 1.0 else 65536.0
@@ -163,7 +159,7 @@ def optiodom(source: Path) -> TickLog:
             step = np.array([float(v) for v in words[4 : 4 + wheels]])
             if step.size != wheels or not np.isfinite([x, y, yaw, *step]).all():
                 raise ValueError
-        except (ValueError, IndexError):
+        except (ValueError, IndexError, OverflowError):
             broken += 1
             continue
         rolled += step

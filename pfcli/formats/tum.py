@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError
+from pfcli.formats import text_files
 
 _SECOND = 1_000_000_000
+_LATEST_NS = 1 << 62
 
 
 def stamp_text(stamp_ns: int) -> str:
@@ -41,22 +43,21 @@ def write(path: Path, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]) 
 def read(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """(stamps ns (n,), poses (n, 3)). Raises LogError naming the line that is wrong."""
     stamps, poses = [], []
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({reason(error)})") from None
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(text_files.lines(path, "a TUM track"), 1):
         words = line.replace(",", " ").split()
         if not words or words[0].startswith("#"):
             continue
         try:
-            stamps.append(stamp_ns(words[0]))
+            stamp = stamp_ns(words[0])
             x, y, _, qx, qy, qz, qw = (float(w) for w in words[1:8])
-        except ValueError:
+            if not -_LATEST_NS < stamp < _LATEST_NS:
+                raise ValueError
+        except (ValueError, OverflowError):
             raise LogError(f"{path}: line {number} is not `t tx ty tz qx qy qz qw`") from None
         yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
         if not math.isfinite(x + y + yaw):
             raise LogError(f"{path}: line {number} is not finite")
+        stamps.append(stamp)
         poses.append((x, y, yaw))
     if not poses:
         raise LogError(f"{path}: holds no pose")

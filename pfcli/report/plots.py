@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from pfcli.errors import OutputError, reason
+from pfcli.outputs import output_file
 from pfcli.systems.result import Result
 
 
@@ -30,9 +30,8 @@ def draw(path: Path, result: Result, title: str) -> None:
     axes.legend(loc="upper right")
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix, {})
     try:
-        figure.savefig(path, dpi=110, metadata=metadata)
-    except OSError as error:
-        raise OutputError(f"--plot {path}: cannot be written ({reason(error)})") from None
+        with output_file(path) as partial:
+            figure.savefig(partial, dpi=110, metadata=metadata)
     finally:
         pyplot.close(figure)
 

@@ -86,7 +86,7 @@ class State(NamedTuple):
 
 def load(params: Params, job: Any) -> Assets:
     """Read the map. Raises LogError where nobody could be localised in it, UsageError for a start outside."""
-    grid = map_yaml.read(job.map)
+    grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
     origin = grid.origin
     region = region_of(grid.cells, grid.resolution_m, origin, params.robot_radius_m, params.pocket_m2)
     if region.free_xy.size == 0:

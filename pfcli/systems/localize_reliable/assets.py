@@ -38,7 +38,7 @@ class Assets(NamedTuple):
 
 def load(params: Params, job: Any) -> Assets:
     """Read the map. Raises LogError where nobody could stand in it, UsageError for a start outside."""
-    grid = map_yaml.read(job.map)
+    grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:
         raise LogError(f"{job.map}: has no free cells")

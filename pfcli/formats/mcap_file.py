@@ -1,0 +1,217 @@
+"""MCAP files in file order, so that a truncated or damaged log gives all that can be read before and after the damage.
+
+The walk needs no index, summary or footer; where the file has them, they say what is missing.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.errors import LogError, reason
+from pfcli.formats import mcap_records as records
+from pfcli.formats.mcap_chunks import Chunk, open_chunk, salvage
+from pfcli.formats.mcap_records import MAGIC, Channel, Records, Walk
+from pfcli.limits import DEFAULTS
+
+
+class Batch(NamedTuple):
+    """Messages of one buffer: channel ids, times (ns), sequence and the place of each payload in `data`; `sure`: no checksum
+    and no decompressor objects to them."""
+
+    data: bytes | bytearray | memoryview
+    channel: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    publish_ns: NDArray[np.int64]
+    sequence: NDArray[np.int64]
+    offset: NDArray[np.int64]
+    length: NDArray[np.int64]
+    sure: bool = True
+
+
+class McapFile:
+    """One MCAP file: its channels, its messages in file order, and what was lost on the way.
+
+    max_chunk_mib: a chunk that holds more is left out.
+    """
+
+    def __init__(self, path: Path, max_chunk_mib: float = DEFAULTS.chunk_mib) -> None:
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self.losses: list[str] = []
+        self.missing = 0
+        """Messages that the file's own statistics count and the walk did not find."""
+        self._limit = int(max_chunk_mib * 2**20)
+        self._schemas: dict[int, tuple[str, str, bytes]] = {0: ("", "", b"")}
+        self._known = np.zeros(65536, np.bool_)
+        self._claimed: int | None = None
+        try:
+            if path.is_dir():
+                raise LogError(f"{path}: is a folder; name the .mcap file in it")
+            if path.stat().st_size == 0:
+                raise LogError(f"{path}: is empty; nothing was recorded")
+            self._bytes = np.asarray(np.memmap(path, np.uint8, mode="r"))
+            self._view = memoryview(self._bytes.data)
+        except OSError as error:
+            raise LogError(f"{path}: cannot be read ({reason(error)})") from None
+        if bytes(self._bytes[:8]) != MAGIC:
+            raise LogError(
+                f"{path}: is not an MCAP file; `pfcli convert` makes one from CARMEN logs, ROS bags and logs of wheel ticks"
+            )
+
+    @property
+    def profile(self) -> str:
+        """What the header says of the recorder's conventions, such as `ros2`; '' where it cannot be read."""
+        head = bytes(self._view[8 : 8 + 9 + 64])
+        try:
+            return records.string(head, 9)[0] if head[0] == records.HEADER else ""
+        except (struct.error, UnicodeDecodeError, IndexError):
+            return ""
+
+    @property
+    def extras(self) -> Iterator[tuple[int, bytes]]:
+        """Opcode and body of the attachments and metadata at the top level."""
+        walk = Walk(self._bytes, self._known, len(MAGIC))
+        while walk.more:
+            for opcode, offset, length in walk.step().others.tolist():
+                if opcode in (records.ATTACHMENT, records.METADATA):
+                    yield opcode, bytes(self._view[offset : offset + length])
+
+    def survey(self) -> None:
+        """Fill `channels` from the summary section, or by a walk where the file has none."""
+        if not self._read_summary():
+            for _ in self.batches():
+                pass
+            self.losses.clear()
+
+    def _read_summary(self) -> bool:
+        data = self._bytes
+        foot = data.size - 8 - 29
+        if foot < 8 or bytes(data[-8:]) != MAGIC:
+            return False
+        opcode, length, start, _, crc = struct.unpack("<BQQQI", data[foot : foot + 29].tobytes())
+        if opcode != records.FOOTER or length != 20 or not 8 <= start < foot:
+            return False
+        if crc and zlib.crc32(self._view[start : foot + 25]) != crc:
+            return False
+        walk = Walk(data[start:foot], self._known)
+        while walk.more:
+            found = walk.step()
+            self._declare(self._view[start:foot], found.others)
+            if found.gaps.size:
+                return False
+        return bool(self.channels)
+
+    def batches(self) -> Iterator[Batch]:
+        """Messages, a buffer at a time, in file order; what cannot be read is noted in `losses`."""
+        self.losses.clear()
+        count, last = 0, 0
+        walk = Walk(self._bytes, self._known, len(MAGIC))
+        while walk.more:
+            found = walk.step()
+            self._declare(self._view, found.others)
+            for batch in self._in_order(found):
+                count += len(batch.channel)
+                yield batch
+            last = int(found.others[-1, 0]) if len(found.others) else last
+            if last == records.DATA_END:
+                self._check_data(int(found.others[-1, 1]))
+        if last not in (records.DATA_END, records.FOOTER) and not self.losses:
+            self._lose("ends without a footer; the recorder was stopped hard")
+        self.missing = max(0, (self._claimed or 0) - count)
+        if self.missing:
+            self._lose(f"{self.missing} of {self._claimed} messages could not be read")
+
+    def _in_order(self, found: Records) -> Iterator[Batch]:
+        """Messages at the top level, in chunks and in what is left of chunks, by their place in the file."""
+        chunks = found.others[found.others[:, 0] == records.CHUNK, 1:]
+        places = [(at, at + length, False) for at, length in chunks.tolist()]
+        places += [(begin, end, True) for begin, end in found.gaps.tolist()]
+        rows = found.messages
+        for begin, end, damaged in sorted(places):
+            before = np.searchsorted(rows[:, 4], begin)
+            if before:
+                yield self._top(rows[:before])
+                rows = rows[before:]
+            yield from self._gap(begin, end) if damaged else self._chunk(begin, end)
+        if len(rows):
+            yield self._top(rows)
+
+    def _top(self, rows: NDArray[np.int64]) -> Batch:
+        """Messages outside of chunks; the batch holds on to no more than the bytes between its first and last."""
+        begin, end = int(rows[0, 4]), int(rows[-1, 4] + rows[-1, 5])
+        return _batch(self._view[begin:end], rows, begin)
+
+    def _lose(self, what: str) -> None:
+        self.losses.append(f"{self.path}: {what}")
+
+    def _check_data(self, at: int) -> None:
+        """The checksum of everything before the record of the data's end, where the recorder made one."""
+        (crc,) = struct.unpack_from("<I", self._view, at)
+        if crc and not self.losses and zlib.crc32(self._view[: at - 9]) != crc:
+            self._lose("its data fail their checksum; they are used as far as they can be")
+
+    def _chunk(self, begin: int, end: int) -> Iterator[Batch]:
+        chunk = open_chunk(self._view[begin:end], self._limit)
+        if chunk.trouble:
+            self._lose(f"chunk at byte {begin - 9} {chunk.trouble}")
+        yield from self._inside(chunk, begin - 9)
+
+    def _gap(self, begin: int, end: int) -> Iterator[Batch]:
+        """Bytes that are no sane record; maybe they were a chunk."""
+        cut = end == self._bytes.size
+        self._lose(f"cut off at byte {begin}" if cut else f"is damaged from byte {begin} to {end}")
+        chunk = salvage(self._view[begin + 9 : end], self._limit)
+        if chunk is not None:
+            yield from self._inside(chunk, begin)
+
+    def _inside(self, chunk: Chunk, where: int) -> Iterator[Batch]:
+        if not chunk.records:
+            return
+        walk = Walk(np.frombuffer(chunk.records, np.uint8), self._known)
+        while walk.more:
+            found = walk.step()
+            self._declare(chunk.records, found.others)
+            if found.messages.size:
+                yield _batch(chunk.records, found.messages)._replace(sure=not chunk.trouble)
+            if found.gaps.size and not chunk.trouble:
+                self._lose(f"chunk at byte {where} holds bytes that are no record")
+
+    def _declare(self, data: bytes | bytearray | memoryview, others: NDArray[np.int64]) -> None:
+        """Take up the schema, channel and statistics records among `others`."""
+        for opcode, offset, length in others.tolist():
+            if opcode not in (records.SCHEMA, records.CHANNEL, records.STATISTICS):
+                continue
+            body = bytes(data[offset : offset + length])
+            try:
+                if opcode == records.SCHEMA:
+                    self._declare_schema(body)
+                elif opcode == records.CHANNEL:
+                    self._declare_channel(body)
+                else:
+                    (self._claimed,) = struct.unpack_from("<Q", body)
+            except (struct.error, UnicodeDecodeError):
+                self._lose(f"a schema or channel record of {length} bytes cannot be read")
+
+    def _declare_schema(self, body: bytes) -> None:
+        (ident,) = struct.unpack_from("<H", body)
+        name, at = records.string(body, 2)
+        encoding, at = records.string(body, at)
+        self._schemas[ident] = (name, encoding, records.blob(body, at)[0])
+
+    def _declare_channel(self, body: bytes) -> None:
+        ident, schema = struct.unpack_from("<HH", body)
+        topic, at = records.string(body, 4)
+        encoding, at = records.string(body, at)
+        metadata, _ = records.blob(body, at)
+        kind = self._schemas.get(schema, ("", "", b""))
+        self.channels[ident] = Channel(ident, topic, encoding, *kind, metadata)
+
+
+def _batch(data: bytes | bytearray | memoryview, rows: NDArray[np.int64], start: int = 0) -> Batch:
+    channel, sequence, log, publish, offset, length = rows.T.copy()
+    return Batch(data, channel, log, publish, sequence, offset - start, length)

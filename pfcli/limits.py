@@ -1,0 +1,14 @@
+"""What input may ask for before it is refused: sane for any recording, flags for the others."""
+
+from typing import NamedTuple
+
+
+class Limits(NamedTuple):
+    """chunk_mib: records of one chunk of a log; buffer_mib: messages in the reorder buffer; map_mpx: a map's million pixels."""
+
+    chunk_mib: float = 256
+    buffer_mib: float = 1024
+    map_mpx: float = 256
+
+
+DEFAULTS = Limits()
