@@ -1,6 +1,8 @@
 """Output files and folders: written beside their place and renamed in one step, so that a killed run leaves no half result."""
 
+import glob
 import os
+import platform
 import shutil
 import signal
 from collections.abc import Iterator
@@ -17,7 +19,7 @@ def output_dir(target: Path, *, force: bool) -> Iterator[Path]:
     Raises OutputError where `target` is not empty (unless `force`), not writable, or the disk is full.
     """
     check(target, force=force)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+    partial = _partial(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         partial.mkdir()
@@ -54,7 +56,7 @@ def output_file(target: Path) -> Iterator[Path]:
     Raises OutputError where it cannot be written. A link is refused: what it points to was not named.
     """
     check_file(target, force=True)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part{target.suffix}")
+    partial = _partial(target)
     try:
         yield partial
         _sync(partial)
@@ -64,6 +66,26 @@ def output_file(target: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
+
+
+def _partial(target: Path) -> Path:
+    """Where an output is written before it is whole; what killed processes of this machine left there is removed."""
+    begin = f".{target.name}.{platform.node()}-"
+    for left in target.parent.glob(glob.escape(begin) + "*.part*"):
+        pid = left.name.removeprefix(begin).partition(".")[0]
+        if pid.isdigit() and not _alive(int(pid)):
+            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
+    return target.with_name(f"{begin}{os.getpid()}.part{target.suffix}")
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _sync(path: Path) -> None:

@@ -61,6 +61,8 @@ class Log:
         self.loss = Loss()
         self._file = McapFile(path, settings.limits.chunk_mib)
         self._file.survey()
+        self.damage = f" ({self._file.losses[0].partition(': ')[2]})" if self._file.losses else ""
+        """What a survey that found damage says of it, for messages about what the log lacks."""
         self._extrinsics = self._read_extrinsics()
 
     @property
@@ -144,7 +146,7 @@ class Log:
             channels = [c for c in self.channels if c.topic == name]
             if not channels:
                 have = ", ".join(printable(t) for t in self.topics()) or "none"
-                raise UsageError(f"{self.path}: --topic {role}={topic}: no such topic; the log has {have}")
+                raise UsageError(f"{self.path}: --topic {role}={topic}: no such topic; the log has {have}{self.damage}")
             sources += [self._source(role, topic, frames, _with_schema(role, c)) for c in channels]
         return sources
 

@@ -118,7 +118,7 @@ def _roles(job: Job, log: Log, motion: str) -> list[str]:
                 or "nothing"
             )
             raise UsageError(
-                f"{log.path}: {job.system.name} needs {_NOUNS.get(role, role)}, and the log has {have};"
+                f"{log.path}: {job.system.name} needs {_NOUNS.get(role, role)}, and the log has {have}{log.damage};"
                 f" map a topic with --topic {role}=TOPIC"
                 + (" or choose --motion" if role in align.ROLES[motion] else "")
             )

@@ -86,7 +86,6 @@ class McapFile:
         if not self._read_summary():
             for _ in self.batches():
                 pass
-            self.losses.clear()
 
     def _read_summary(self) -> bool:
         data = self._bytes
@@ -164,7 +163,11 @@ class McapFile:
     def _gap(self, begin: int, end: int) -> Iterator[Batch]:
         """Bytes that are no sane record; maybe they were a chunk."""
         cut = end == self._bytes.size
-        self._lose(f"cut off at byte {begin}" if cut else f"is damaged from byte {begin} to {end}")
+        self._lose(
+            f"is cut off at byte {end}, inside the record at byte {begin}"
+            if cut
+            else f"is damaged from byte {begin} to {end}"
+        )
         chunk = salvage(self._view[begin + 9 : end], self._limit)
         if chunk is not None:
             yield from self._inside(chunk, begin)

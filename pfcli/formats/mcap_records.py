@@ -14,7 +14,7 @@ from pfcli.core.jit import inline_kernel, kernel
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x06
 ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
-_PADDING = 4096
+_PADDING = 64
 """Records may be longer than their fields, for fields of the future; by more than this they are taken for damage."""
 _BATCH = 8192
 
@@ -71,8 +71,11 @@ def _strings(buffer, at, end, count):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _extent(buffer, at, known):  # type: ignore[no-untyped-def]
-    """Length of the body of the record at `at`; -1 where no sane record begins there."""
+def _extent(buffer, at, known, declared):  # type: ignore[no-untyped-def]
+    """Length of the body of the record at `at`; -1 where no sane record begins there.
+
+    Messages are of a channel that is known, or of the one that was just declared.
+    """
     rest = buffer.size - at - 9
     if rest < 0:
         return -1
@@ -81,7 +84,8 @@ def _extent(buffer, at, known):  # type: ignore[no-untyped-def]
         return -1
     sane = opcode >= 0x80  # private records can hold anything
     if opcode == 0x05:
-        sane = length >= 22 and known[_number(buffer, body, 2)]
+        channel = _number(buffer, body, 2) if length >= 22 else -2
+        sane = channel >= 0 and (known[channel] or channel == declared)
     elif opcode == 0x06 and length >= 40:
         name = _number(buffer, body + 28, 4)
         sane = name <= 16 and length >= 40 + name and _holds(length, 40 + name + _number(buffer, body + 32 + name, 8))
@@ -124,11 +128,13 @@ def _next(buffer, at, known):  # type: ignore[no-untyped-def]
     for start in range(at, buffer.size - 8):
         if buffer[start] == 0 or buffer[start] > 0x0F or buffer[start + 8] != 0:
             continue
-        position, links = start, 0
+        position, links, declared = start, 0, -1
         while links < 3:
-            length = _extent(buffer, position, known)
+            length = _extent(buffer, position, known, declared)
             if length < 0:
                 break
+            if buffer[position] == 0x04:
+                declared = _number(buffer, position + 9, 2)
             named = buffer[position] == 0x06 and 3 <= _number(buffer, position + 37, 4) <= 4
             position, links = position + 9 + length, links + 1
             if named or position == buffer.size or buffer[position - 9 - length] == 0x02:
@@ -150,7 +156,7 @@ def _index(buffer, start, messages, others, gaps, known):  # type: ignore[no-unt
     while position < buffer.size:
         if count == messages.shape[0] or rest == others.shape[0] or holes == gaps.shape[0]:
             return position, count, rest, holes, True
-        length = _extent(buffer, position, known)
+        length = _extent(buffer, position, known, -1)
         if length < 0:
             found = _next(buffer, doubt, known)
             gaps[holes, 0], gaps[holes, 1] = (position if position < found else doubt), found

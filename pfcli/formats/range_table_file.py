@@ -20,6 +20,7 @@ from pfcli.core.threads import spread
 from pfcli.errors import OutputError, reason
 from pfcli.formats import map_yaml
 from pfcli.formats.map_yaml import GridMap
+from pfcli.outputs import output_file
 
 _MAGIC = b"pfcli range table 1\n"
 _HEAD = 4096
@@ -55,10 +56,9 @@ def load(grid: GridMap, bins: int, range_m: float) -> Loaded:
         why = f"rebuilt: {why}"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _sweep(path.parent)
         _write(path, wanted, lambda out: _fill(out, grid, bins, range_m))
         ranges = np.memmap(path, np.uint16, "r", _HEAD, (wanted["rows"], bins))
-    except OSError as error:
+    except (OSError, OutputError) as error:
         raise OutputError(
             f"{path.parent}: the range table cannot be kept ({reason(error)}); set PFCLI_CACHE_DIR, or --ranges rays"
         ) from None
@@ -80,8 +80,7 @@ def _header(grid: GridMap, bins: int, range_m: float) -> dict[str, Any]:
 
 
 def _write(path: Path, header: dict[str, Any], fill: Callable[[NDArray[np.uint16]], None]) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with output_file(path) as partial:
         size = _HEAD + header["rows"] * header["bins"] * 2
         with open(partial, "wb") as file:
             os.posix_fallocate(file.fileno(), 0, size) if hasattr(os, "posix_fallocate") else file.truncate(size)
@@ -91,9 +90,6 @@ def _write(path: Path, header: dict[str, Any], fill: Callable[[NDArray[np.uint16
         text = json.dumps(header | {"checksum": checksum(out)}).encode()
         with open(partial, "r+b") as file:
             file.write(_MAGIC + text.ljust(_HEAD - len(_MAGIC)))
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _fault(path: Path, wanted: dict[str, Any]) -> str:
@@ -115,24 +111,6 @@ def _fault(path: Path, wanted: dict[str, Any]) -> str:
         return "" if checksum(ranges) == found.get("checksum") else "its checksum is wrong"
     except (OSError, ValueError) as error:
         return f"it cannot be read ({reason(error)})"
-
-
-def _sweep(folder: Path) -> None:
-    """Remove what processes that no longer live left half-written."""
-    for part in folder.glob(".*.part"):
-        words = part.name.split(".")
-        if words[-2].isdigit() and not _alive(int(words[-2])):
-            part.unlink(missing_ok=True)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
 
 
 def checksum(ranges: NDArray[np.uint16]) -> str:

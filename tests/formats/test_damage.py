@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import CompressionType
 
-from pfcli.errors import LogError
+from pfcli.errors import LogError, UsageError
 from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats import carmen, map_yaml, mcap_repair
 from pfcli.formats.log_writer import LogWriter
@@ -58,7 +59,9 @@ def test_a_cut_costs_no_more_than_the_chunk_that_it_goes_through(
     write(tmp_path / "x.mcap", list(range(N)), **ODD[kind])
     data, chunks = (tmp_path / "x.mcap").read_bytes(), _chunks(tmp_path / "x.mcap")
     assert sum(count for _, _, count in chunks) == N
-    for cut in np.random.default_rng(3).integers(9, len(data), cuts).tolist():
+    with pytest.raises(UsageError, match="cut off at byte 509"):
+        _read(tmp_path / "y.mcap", data[:509])
+    for cut in np.random.default_rng(3).integers(chunks[0][0] + 3000, len(data), cuts).tolist():
         found, log, seconds = _read(tmp_path / "y.mcap", data[:cut])
         whole = sum(count for _, end, count in chunks if end <= cut)
         assert found[:whole] == list(range(whole)), cut
@@ -88,6 +91,15 @@ def test_a_flipped_bit_costs_no_more_than_its_chunk_and_is_never_silent(
         assert seconds < 5.0, (at, bit)
         codes[bool(log.loss)] += 1
     assert codes[True] > flips // 2  # nearly all of a file is its chunks
+
+
+def test_a_log_cut_in_its_only_chunk_gives_what_is_before_the_cut(tmp_path: Path) -> None:
+    write(tmp_path / "x.mcap", list(range(100)), compression=CompressionType.NONE)
+    data = (tmp_path / "x.mcap").read_bytes()
+    found, log, _ = _read(tmp_path / "y.mcap", data[: len(data) // 3])
+    assert found == list(range(len(found)))
+    assert len(found) > 25
+    assert log.loss
 
 
 @pytest.mark.parametrize("kind", ["none", "zstd"])
