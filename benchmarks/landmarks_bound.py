@@ -7,6 +7,7 @@ PFCLI_DATA names the folder with bailey/.
 
 import sys
 import tempfile
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -98,9 +99,9 @@ def _upto(log: smooth.Log, t: int, track: np.ndarray, places: np.ndarray) -> tup
     return found.track, places
 
 
-def bound(seeds: int) -> None:
+def bound(seeds: int, names: Sequence[str]) -> None:
     with ProcessPoolExecutor(2) as pool:
-        for name in ("densemap", "webmap"):
+        for name in names:
             found = np.array(list(pool.map(bounds, [name] * seeds, range(seeds))))
             for k, label in enumerate(
                 ("least squares so far", "least squares of everything", "scipy's, of everything")
@@ -109,4 +110,4 @@ def bound(seeds: int) -> None:
 
 
 if __name__ == "__main__":
-    bound(int(sys.argv[1]) if len(sys.argv) > 1 else 50)
+    bound(int(sys.argv[1]) if len(sys.argv) > 1 else 50, sys.argv[2:] or ("densemap", "webmap"))

@@ -16,6 +16,7 @@ from pfcli.dead_reckoning import Drive
 from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
 from pfcli.formats import map_yaml, parquet, tum
+from pfcli.info_rows import InfoRows
 from pfcli.initial import Initial
 from pfcli.loss import Loss
 from pfcli.params import to_toml
@@ -50,7 +51,7 @@ class Run(NamedTuple):
     """What a job gave: the system's result, its Info rows, errors against truth, what was lost, and timings (s)."""
 
     result: Result
-    infos: list[Any]
+    infos: InfoRows
     errors: "Errors | None"
     loss: Loss
     seconds: dict[str, float]
@@ -69,7 +70,7 @@ def execute(job: Job) -> Run:
     truth: list[Truth] = []
     assets = job.system.load(job.params, job)
     draw = Draw(job.seed)
-    state, infos, scans = None, [], 0
+    state, infos, scans = None, InfoRows(job.system.info), 0
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
     sweeps = align.sweeps(_without_truth(_replay(logs, roles, loss), truth), motion, job.drive, loss)

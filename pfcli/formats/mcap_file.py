@@ -3,6 +3,7 @@
 The walk needs no index, summary or footer; where the file has them, they say what is missing.
 """
 
+import mmap
 import struct
 import zlib
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ from pfcli.formats import mcap_records as records
 from pfcli.formats.mcap_chunks import Chunk, open_chunk, salvage
 from pfcli.formats.mcap_records import MAGIC, Channel, Records, Walk
 from pfcli.limits import DEFAULTS
+
+_PAGES = 1 << 24
 
 
 class Batch(NamedTuple):
@@ -49,14 +52,17 @@ class McapFile:
         self._schemas: dict[int, tuple[str, str, bytes]] = {0: ("", "", b"")}
         self._known = np.zeros(65536, np.bool_)
         self._claimed: int | None = None
+        self._forgotten = 0
         try:
             if path.is_dir():
                 raise LogError(f"{path}: is a folder; name the .mcap file in it")
             if path.stat().st_size == 0:
                 raise LogError(f"{path}: is empty; nothing was recorded")
-            self._bytes = np.asarray(np.memmap(path, np.uint8, mode="r"))
-            self._view = memoryview(self._bytes.data)
-        except OSError as error:
+            with open(path, "rb") as file:
+                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            self._view = memoryview(self._map)
+            self._bytes = np.frombuffer(self._view, np.uint8)
+        except (OSError, ValueError) as error:
             raise LogError(f"{path}: cannot be read ({reason(error)})") from None
         if bytes(self._bytes[:8]) != MAGIC:
             raise LogError(
@@ -108,6 +114,7 @@ class McapFile:
     def batches(self) -> Iterator[Batch]:
         """Messages, a buffer at a time, in file order; what cannot be read is noted in `losses`."""
         self.losses.clear()
+        self._forgotten = 0
         count, last = 0, 0
         walk = Walk(self._bytes, self._known, len(MAGIC))
         while walk.more:
@@ -116,6 +123,7 @@ class McapFile:
             for batch in self._in_order(found):
                 count += len(batch.channel)
                 yield batch
+            self._forget(walk.position)
             last = int(found.others[-1, 0]) if len(found.others) else last
             if last == records.DATA_END:
                 self._check_data(int(found.others[-1, 1]))
@@ -144,6 +152,12 @@ class McapFile:
         """Messages outside of chunks; the batch holds on to no more than the bytes between its first and last."""
         begin, end = int(rows[0, 4]), int(rows[-1, 4] + rows[-1, 5])
         return _batch(self._view[begin:end], rows, begin)
+
+    def _forget(self, position: int) -> None:
+        """Let go of the pages before a position: they can be read again, and would count as memory until then."""
+        if hasattr(self._map, "madvise") and position // _PAGES > self._forgotten:
+            self._forgotten = position // _PAGES
+            self._map.madvise(mmap.MADV_DONTNEED, 0, self._forgotten * _PAGES)
 
     def _lose(self, what: str) -> None:
         self.losses.append(f"{self.path}: {what}")

@@ -90,3 +90,13 @@ def test_links_inside_the_tree_lead_somewhere() -> None:
     ]:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_proofs_of_the_reliability_page_exist() -> None:
+    text = (ROOT / "docs/reliability.md").read_text()
+    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text)
+    assert len(named) > 25
+    for file, test in named:
+        assert f"def {test}(" in (ROOT / file).read_text(), f"{file}::{test}"
+    for file in re.findall(r"`((?:benchmarks|pfcli)/[\w/]+\.py)`", text):
+        assert (ROOT / file).is_file(), file

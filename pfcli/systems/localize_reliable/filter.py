@@ -282,7 +282,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     summary = {
         "updates": records.count,
         "recoveries": records.recoveries(),
-        "p_success_at_end": round(records.p_success[-1], 4) if learnt else None,
+        "p_success_at_end": round(records.p_success_at_end(), 4) if learnt else None,
         "key_points": int(assets.features.kind.size),
         "decision_accuracy": round(learnt.accuracy, 4) if learnt else None,
     }

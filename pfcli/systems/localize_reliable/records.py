@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import compose
+from pfcli.core.rows import Rows
 from pfcli.formats.map_yaml import GridMap
 
 _TRUSTED, _SEEN_TWICE = 0.9, 2
@@ -19,12 +20,12 @@ class Records:
         self._grid = grid
         self._keep_beams = keep_beams
         self._counts = np.zeros(grid.cells.size, np.uint16)
-        self._stamps_ns: list[int] = []
-        self._poses: list[NDArray[np.float64]] = []
-        self._protection: list[float] = []
+        self._stamps_ns = Rows((), np.int64)
+        self._last: NDArray[np.float64] | None = None
+        self._protection = Rows()
         self._beams: list[NDArray[np.float32]] = []
-        self._jumps_m: list[float] = []
-        self.p_success: list[float] = []
+        self._jumps_m = Rows()
+        self._p_success = Rows()
 
     @property
     def count(self) -> int:
@@ -43,11 +44,11 @@ class Records:
     ) -> None:
         """One update; unknown_ends: (2, u) end points in the base frame of the beams called unknown; moved: (3,) the step
         since the last update."""
-        predicted = compose(self._poses[-1][None], moved[None])[0] if self._poses else pose
+        predicted = pose if self._last is None else compose(self._last[None], moved[None])[0]
         self._jumps_m.append(float(np.hypot(*(pose - predicted)[:2])))
         self._stamps_ns.append(stamp_ns)
-        self._poses.append(pose)
-        self.p_success.append(p_success)
+        self._last = pose
+        self._p_success.append(p_success)
         self._protection.append(protection_m)
         if self._keep_beams:
             self._beams.append(p_unknown.astype(np.float32))
@@ -64,13 +65,17 @@ class Records:
         cells = np.unique(rows[inside] * width + cols[inside])
         self._counts[cells] = np.minimum(self._counts[cells] + 1, 65535)
 
+    def p_success_at_end(self) -> float:
+        """Of the last update."""
+        return float(self._p_success.last())
+
     def columns(self) -> dict[str, NDArray[Any]]:
         """Columns of the track."""
-        return {"p_success": np.array(self.p_success), "protection_m": np.array(self._protection)}
+        return {"p_success": self._p_success.array(), "protection_m": self._protection.array()}
 
     def beams(self) -> dict[str, Any]:
         """p(unknown) of every used beam, per update."""
-        return {"t_ns": np.array(self._stamps_ns, np.int64), "p_unknown": self._beams}
+        return {"t_ns": self._stamps_ns.array(), "p_unknown": self._beams}
 
     def layer(self) -> GridMap:
         """Cells in which unknown obstacles were seen at least twice, on the map's grid."""
@@ -83,13 +88,14 @@ class Records:
         predicted, until p(success) is at least 0.5 again. lost_s: since the first update; moved_m: size of the jump."""
         found: list[dict[str, float]] = []
         sure, lost, moved = False, -1, 0.0
-        for k, p in enumerate(self.p_success):
-            moved = max(moved, self._jumps_m[k]) if lost >= 0 else self._jumps_m[k]
-            jumped = self._jumps_m[k] > _JUMP_M
+        stamps, jumps = self._stamps_ns.array().tolist(), self._jumps_m.array().tolist()
+        for k, p in enumerate(self._p_success.array().tolist()):
+            moved = max(moved, jumps[k]) if lost >= 0 else jumps[k]
+            jumped = jumps[k] > _JUMP_M
             if lost < 0 and sure and (p < 0.5 or jumped):
                 lost = k if p < 0.5 else k - 1
             if lost >= 0 and p >= 0.5:
-                since, after = (self._stamps_ns[i] - self._stamps_ns[j] for i, j in ((lost, 0), (k, lost)))
+                since, after = (stamps[i] - stamps[j] for i, j in ((lost, 0), (k, lost)))
                 row = {"lost_s": round(since * 1e-9, 3), "after_s": round(after * 1e-9, 3), "moved_m": round(moved, 3)}
                 found.append(row)
                 lost = -1

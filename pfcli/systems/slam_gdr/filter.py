@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import between, compose, spread_residual
+from pfcli.core.geometry import compose
 from pfcli.core.grid import scan_match, tiles
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
@@ -21,8 +21,9 @@ from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.gdr_resampling import ancestors_of, dispersed
 from pfcli.systems.pace import noise_of, step_since
-from pfcli.systems.result import Result, Track
-from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
+from pfcli.systems.result import Result
+from pfcli.systems.slam_gdr.history import History
+from pfcli.systems.slam_gdr.kernels import covariance, sample_proposal
 from pfcli.systems.slam_gdr.params import Params
 
 _COARSE_BEAMS = 50
@@ -52,18 +53,6 @@ class Info(NamedTuple):
     tiles: int
 
 
-class History(NamedTuple):
-    """What the end of the run needs: per scan stamp, odometry pose, text; per update its scan's number, poses, parents."""
-
-    stamps_ns: list[int]
-    odometry: list[tuple[float, float, float]]
-    sources: list[str]
-    scan_of_update: list[int]
-    poses: list[NDArray[np.float64]]
-    parents: list[NDArray[np.int64]]
-    covariance: list[NDArray[np.float64]]
-
-
 class State(NamedTuple):
     """pose (n, 3); log_w since the last resampling; score: log weight summed along the ancestry; odometry (1, 3) of
     the last update; the particles' maps."""
@@ -87,7 +76,7 @@ def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
         np.zeros(n),
         np.array([first.odometry], np.float64),
         tiles.empty(n, params.resolution_m),
-        History([], [], [], [], [], [], []),
+        History(),
         FrameKeeper(),
         0,
     )
@@ -96,10 +85,8 @@ def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
 def step(state: State, sweep: Sweep, assets: None, params: Params, draw: Draw) -> tuple[State, Info | None]:
     """Every scan is recorded; one that has moved far enough updates the filter."""
     history = state.history
-    history.stamps_ns.append(sweep.stamp_ns)
-    history.odometry.append(sweep.odometry)
-    history.sources.append(sweep.source_stamp)
-    first = not history.poses
+    history.see(sweep)
+    first = history.updates == 0
     now, moved, _, far = step_since(state.odometry, sweep.odometry, params)
     if not (first or far):
         return state, None
@@ -146,12 +133,8 @@ def _update(
     fits = np.ones(n, bool) if match is None else (match.inliers < 0) | (match.inliers >= params.draw_inliers)
     state = _insert(state, points, sweep.scan.mount, fits[ancestors])
     state = state._replace(resamplings=state.resamplings + resampled)
-    history = state.history
-    history.scan_of_update.append(len(history.stamps_ns) - 1)
-    history.poses.append(state.pose)
-    history.parents.append(ancestors)
     spread_of = covariance(state.pose)
-    history.covariance.append(spread_of)
+    state.history.update(state.pose, ancestors, spread_of)
     state.frames.offer(sweep.stamp_ns, state.pose[int(np.argmax(state.score))], state.pose, points.ends)
     info = Info(
         sweep.stamp_ns,
@@ -235,34 +218,11 @@ def finish(state: State, assets: None, params: Params) -> Result:
     """Track and map of the best particle: the one with the largest log weight summed along its ancestry."""
     history = state.history
     best = int(np.argmax(state.score))
-    parents = np.array(history.parents)
-    line = trace(parents, best)
-    updates = np.array(history.scan_of_update)
-    chosen = np.array([poses[k] for poses, k in zip(history.poses, line, strict=True)])
-    odometry = np.array(history.odometry)
-    poses = np.empty((len(odometry), 3))
-    spread = np.empty((len(odometry), 3, 3))
-    for j, start in enumerate(updates):
-        stop = updates[j + 1] if j + 1 < len(updates) else len(odometry)
-        if j + 1 < len(updates):
-            poses[start:stop] = spread_residual(chosen[j], chosen[j + 1], odometry[start:stop], odometry[stop])
-        else:
-            poses[start:] = compose(chosen[j : j + 1], between(odometry[start : start + 1], odometry[start:]))
-        spread[start:stop] = history.covariance[j]
-    keep = slice(updates[0], None)
-    columns = {
-        "cov_xx_m2": spread[keep, 0, 0],
-        "cov_xy_m2": spread[keep, 0, 1],
-        "cov_yy_m2": spread[keep, 1, 1],
-        "cov_yawyaw_rad2": spread[keep, 2, 2],
-        "update": np.isin(np.arange(len(odometry)), updates)[keep],
-        "source_stamp": history.sources[keep],
-    }
-    track = Track(np.array(history.stamps_ns, np.int64)[keep], poses[keep], columns)
+    track = history.track(best)
     summary = {
-        "updates": len(updates),
+        "updates": history.updates,
         "resamplings": state.resamplings,
-        "updates_shared_by_all": int(coalesced(parents)),
+        "updates_shared_by_all": history.shared(),
         "tiles": tiles.used(state.maps),
         "map_mib": round(tiles.used(state.maps) * tiles.CELLS * 16 / 2**20, 1),
     }
