@@ -15,7 +15,6 @@ from pfcli.formats import (
     landmarklogs,
     lineframes,
     map_yaml,
-    mcap_file,
     messages,
     relations,
     rosbag,
@@ -44,17 +43,11 @@ def _file(name: str, data: bytes) -> Path:
 def mcap(data: bytes) -> None:
     """A whole log, read in every role that its topics can play."""
     path = _file("x.mcap", data)
-    file = mcap_file.McapFile(path, LIMITS.chunk_mib)
-    for _ in file.batches():
+    roles = Log(path, Settings(limits=LIMITS)).roles()
+    topics = {role: found[0] for role, found in roles.items()}
+    log = Log(path, Settings(topics=topics, extrinsics=("base_link:laser=0,0,0",), limits=LIMITS))
+    for _ in log.events(list(topics)):
         pass
-    log = Log(path, Settings(limits=LIMITS))
-    for role, topics in log.roles().items():
-        reading = Settings(topics={role: topics[0]}, extrinsics=("base_link:laser=0,0,0",), limits=LIMITS)
-        try:
-            for _ in Log(path, reading).events([role]):
-                pass
-        except PfcliError:
-            continue
 
 
 @cache

@@ -21,6 +21,7 @@ _COMMANDS = {
         "pfcli.commands.calibrate_omni:calibrate_omni",
         "A robot's wheels and the spread of its line points, from a log with truth.",
     ),
+    "report": ("pfcli.commands.report:report", "A run as one HTML page: map, charts, a slider through its time."),
     "batch": ("pfcli.commands.batch:batch", "Logs x systems x parameters x seeds, on all cores or a cluster."),
     "summarize": (
         "pfcli.commands.summarize:summarize",

@@ -2,6 +2,7 @@
 
 import gc
 import hashlib
+import shlex
 import time
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -9,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfcli import __version__, align
+from pfcli.core.rows import Rows
 from pfcli.core.threads import set_threads
 from pfcli.dead_reckoning import Drive
 from pfcli.errors import LogError, UsageError, printable
@@ -29,6 +32,8 @@ from pfcli.systems.result import Result
 if TYPE_CHECKING:
     from pfcli.report.metrics import Errors
 
+_TIMES = 60
+
 
 class Job(NamedTuple):
     """Everything that determines a run, and how it is shown."""
@@ -45,10 +50,12 @@ class Job(NamedTuple):
     progress: str = "never"
     map: Path | None = None
     initial: Initial = Initial()
+    command: Sequence[str] = ()
 
 
 class Run(NamedTuple):
-    """What a job gave: the system's result, its Info rows, errors against truth, what was lost, and timings (s)."""
+    """What a job gave: the system's result, its Info rows, errors against truth, what was lost, timings (s), where motion came
+    from, and per update its stamp and how long it took (n, 2), s."""
 
     result: Result
     infos: InfoRows
@@ -56,6 +63,7 @@ class Run(NamedTuple):
     loss: Loss
     seconds: dict[str, float]
     motion: str
+    updates: NDArray[np.float64]
 
 
 def execute(job: Job) -> Run:
@@ -71,16 +79,19 @@ def execute(job: Job) -> Run:
     assets = job.system.load(job.params, job)
     draw = Draw(job.seed)
     state, infos, scans = None, InfoRows(job.system.info), 0
+    updates = Rows((2,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
     sweeps = align.sweeps(_without_truth(_replay(logs, roles, loss), truth), motion, job.drive, loss)
     for sweep in progress(_with_data(sweeps, loss), job.progress, job.system.name):
         if state is None:
             state = job.system.init(job.params, assets, sweep, draw)
+        start = time.perf_counter()
         state, info = job.system.step(state, sweep, assets, job.params, draw)
         scans += 1
         if info is not None:
             infos.append(info)
+            updates.append((sweep.stamp_ns * 1e-9, time.perf_counter() - start))
     looped = time.perf_counter()
     if not infos:
         raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss, job.system)}")
@@ -89,7 +100,7 @@ def execute(job: Job) -> Run:
         loss.take(result.loss)
     errors = _errors(job, result, truth)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
-    return Run(result, infos, errors, loss, seconds, motion)
+    return Run(result, infos, errors, loss, seconds, motion, updates.array())
 
 
 def motion_source(log: Log, wanted: str) -> str:
@@ -270,6 +281,7 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
     columns |= track.columns
     if run.errors is not None:
         columns |= {"error_m": run.errors.position_m, "error_yaw_rad": run.errors.yaw_rad}
+        columns |= dict(zip(("error_x_m", "error_y_m"), run.errors.offset_m.T, strict=True))
         columns |= {} if run.errors.nees is None else {"nees": run.errors.nees}
     parquet.write(folder / "track.parquet", columns, meta)
     parquet.write(folder / "metrics.parquet", parquet.columns_of(run.infos, job.system.info), meta)
@@ -309,9 +321,30 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
     if run.errors is not None:
         summary["truth"] = run.errors.summary()
     update_ms = 1e3 * run.seconds["loop"] / max(1, len(run.infos))
+    summary["command"] = shlex.join(job.command)
+    summary["versions"] = _versions()
+    summary["update_ms"] = _update_times(run.updates)
     summary["seconds"] = {k: round(v, 4) for k, v in run.seconds.items()}
     summary["ms_per_update"] = round(update_ms, 4)
     return summary
+
+
+def _versions() -> dict[str, str]:
+    """What else decides the last bits."""
+    import platform
+    from importlib.metadata import version
+
+    packages = ("numpy", "numba", "scipy", "pyarrow", "rosbags")
+    return {"python": platform.python_version(), "machine": platform.machine()} | {p: version(p) for p in packages}
+
+
+def _update_times(updates: NDArray[np.float64]) -> dict[str, Any]:
+    """Quantiles of the updates' times, and their means over the run (s since the first, ms)."""
+    t, ms = updates[:, 0] - updates[0, 0], 1e3 * updates[:, 1]
+    pieces = np.array_split(np.arange(len(ms)), min(_TIMES, len(ms)))
+    over = [[round(float(t[piece].mean()), 2), round(float(ms[piece].mean()), 4)] for piece in pieces]
+    named = {name: round(float(np.quantile(ms, q)), 4) for name, q in (("median", 0.5), ("p95", 0.95), ("max", 1.0))}
+    return named | {"over_time": over}
 
 
 def _frame_columns(result: Result) -> dict[str, Any]:

@@ -14,7 +14,8 @@ def perform(system: str, words: Sequence[str], record: dict[str, Any], target: P
     from pfcli import run
     from pfcli.commands.system import parsed
 
-    job = parsed(system, (*words, "--out", str(target)))
+    words = (*words, "--out", str(target))
+    job = parsed(system, words)._replace(command=("pfcli", system, *words))
     done = run.execute(job)
     code = EXIT_PARTIAL if done.loss else EXIT_DONE
     with output_dir(target, force=True) as folder:

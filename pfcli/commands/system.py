@@ -1,5 +1,6 @@
 """The command of a system: replay logs through it and write the results."""
 
+import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -50,6 +51,7 @@ def command(name: str) -> click.Command:
     @click.option(
         "--overlay", is_flag=True, help="Also write overlay.mcap: poses, particles and map, to open beside the log."
     )
+    @click.option("--report", is_flag=True, help="Also write report.html: a page to look at, with no other file.")
     @click.option(
         "--plot",
         type=click.Path(path_type=Path),
@@ -121,7 +123,7 @@ def _run(name: str, given: dict[str, Any]) -> int:
     if given["plot"] is not None:
         check_picture(given["plot"])
     interrupt_on_terminate()
-    job = job_of(name, given)
+    job = job_of(name, given)._replace(command=("pfcli", *sys.argv[1:]))
 
     from pfcli import run
     from pfcli.commands.show import emit, lost
@@ -133,6 +135,10 @@ def _run(name: str, given: dict[str, Any]) -> int:
             from pfcli.formats import overlay
 
             overlay.write(folder / "overlay.mcap", done.result)
+        if given["report"]:
+            from pfcli.report import page
+
+            page.write(folder, folder / "report.html")
     if given["plot"] is not None:
         from pfcli.report.plots import draw
 

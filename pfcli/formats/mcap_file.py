@@ -123,7 +123,6 @@ class McapFile:
             for batch in self._in_order(found):
                 count += len(batch.channel)
                 yield batch
-            self._forget(walk.position)
             last = int(found.others[-1, 0]) if len(found.others) else last
             if last == records.DATA_END:
                 self._check_data(int(found.others[-1, 1]))
@@ -140,12 +139,14 @@ class McapFile:
         places += [(begin, end, True) for begin, end in found.gaps.tolist()]
         rows = found.messages
         for begin, end, damaged in sorted(places):
+            self._forget(begin)
             before = np.searchsorted(rows[:, 4], begin)
             if before:
                 yield self._top(rows[:before])
                 rows = rows[before:]
             yield from self._gap(begin, end) if damaged else self._chunk(begin, end)
         if len(rows):
+            self._forget(int(rows[0, 4]))
             yield self._top(rows)
 
     def _top(self, rows: NDArray[np.int64]) -> Batch:

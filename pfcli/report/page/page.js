@@ -161,7 +161,7 @@ for (const [name, swatch] of legend) {
   const patch = make("span", {class: "swatch", style: `background: var(${swatch})`});
   $("legend").append(make("label", {}, box, patch, name.replaceAll("_", " ")));
 }
-if (data.kinds.length) $("legend").append(...data.kinds.map((name, k) => make("label", {}, make("span", {class: "swatch", style: `background: var(${KINDS[k]})`}), name)));
+data.kinds.forEach((name, k) => { if (name) $("legend").append(make("label", {}, make("span", {class: "swatch", style: `background: var(${KINDS[k]})`}), name)); });
 
 const fingers = new Map();
 canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, event); });
@@ -212,8 +212,8 @@ for (const button of document.querySelectorAll("[data-zoom]")) button.addEventLi
 $("whole").addEventListener("click", () => { whole(); draw(); });
 
 /* --- charts ------------------------------------------------------------------------------------------------ */
-const W = 560, H = 118, LEFT = 46, RIGHT = 6, TOP = 8, BOTTOM = 16;
-const cursors = [];
+const H = 118, LEFT = 46, RIGHT = 8, TOP = 8, BOTTOM = 16;
+let W = 560, cursors = [];
 const span = Math.max(data.span, 1e-9);
 const u = (t) => LEFT + (W - LEFT - RIGHT) * t / span;
 const ticks = (low, high) => {
@@ -222,13 +222,13 @@ const ticks = (low, high) => {
   for (let value = Math.ceil(low / step) * step; value <= high + 1e-9 * step; value += step) found.push(value);
   return found;
 };
-for (const chart of data.charts) {
+function plot(chart) {
   const finite = chart.series.flatMap((row) => row.values.filter((value) => value !== null));
   let low = chart.low ?? Math.min(...finite), high = chart.high ?? Math.max(...finite);
   if (chart.kind === "stack") { low = 0; high = 1; }
   if (!(high > low)) { low -= 0.5; high = low + 1; }
   const v = (value) => TOP + (H - TOP - BOTTOM) * (1 - (Math.min(Math.max(value, low), high) - low) / (high - low));
-  const svg = make("svg:svg", {viewBox: `0 0 ${W} ${H}`, preserveAspectRatio: "none", role: "img", "aria-label": `${chart.title} over time`});
+  const svg = make("svg:svg", {viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": `${chart.title} over time`});
   for (const value of ticks(low, high)) svg.append(make("svg:line", {class: "grid", x1: LEFT, x2: W - RIGHT, y1: v(value), y2: v(value)}),
     make("svg:text", {x: LEFT - 5, y: v(value) + 3, "text-anchor": "end"}, tidy(value)));
   for (const value of ticks(0, span)) svg.append(make("svg:text", {x: u(value), y: H - 3, "text-anchor": "middle"}, `${tidy(value)} s`));
@@ -274,6 +274,14 @@ for (const chart of data.charts) {
   svg.addEventListener("click", (event) => go(nearest(frames.t, seconds(event))));
   $("charts").append(make("figure", {}, caption, svg));
 }
+function plots() {
+  const style = getComputedStyle($("charts")), wide = $("charts").clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+  if (cursors.length && Math.abs(wide - W) < 1) return;
+  W = Math.max(wide, 160); cursors = [];
+  $("charts").replaceChildren();
+  data.charts.forEach(plot);
+  for (const move of cursors) move(frames.t[at] ?? 0);
+}
 
 /* --- time -------------------------------------------------------------------------------------------------- */
 const slider = $("time");
@@ -297,8 +305,10 @@ $("play").addEventListener("click", () => {
   playing = setInterval(() => { if (at >= frames.t.length - 1) $("play").click(); else go(at + 1); }, 80);
 });
 new ResizeObserver(() => draw()).observe(canvas);
+new ResizeObserver(() => plots()).observe($("charts"));
 addEventListener("beforeprint", () => theme("light"));
 document.documentElement.dataset.theme = dark.matches ? "dark" : "light";
 whole();
+plots();
 go(0);
 document.body.dataset.ready = "yes";
