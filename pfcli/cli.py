@@ -22,6 +22,7 @@ _COMMANDS = {
         "A robot's wheels and the spread of its line points, from a log with truth.",
     ),
     "report": ("pfcli.commands.report:report", "A run as one HTML page: map, charts, a slider through its time."),
+    "compare": ("pfcli.commands.compare:compare", "Runs side by side: errors, times, tracks, and what differs."),
     "batch": ("pfcli.commands.batch:batch", "Logs x systems x parameters x seeds, on all cores or a cluster."),
     "summarize": (
         "pfcli.commands.summarize:summarize",

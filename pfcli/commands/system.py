@@ -21,9 +21,50 @@ from pfcli.options import (
     system_options,
 )
 from pfcli.outputs import check, check_picture, interrupt_on_terminate, output_dir
+from pfcli.params import fields
 
 if TYPE_CHECKING:
     from pfcli import run
+
+
+_OUTPUT = (
+    "out",
+    "force",
+    "overlay",
+    "report",
+    "plot",
+    "animate",
+    "threads",
+    "progress_mode",
+    "as_json",
+    "quiet",
+    "help",
+)
+
+
+class _Grouped(click.Command):
+    """A system's help page: what goes in, the filter's parameters, what comes out."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        rows: dict[str, list[tuple[str, str]]] = {"Input": [], "Filter": [], "Output": []}
+        own = {f.name for name in (self.name, registry.LANDMARKS.get(str(self.name))) if name for f in _fields(name)}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if isinstance(param, click.Option) and record is not None:
+                group = (
+                    "Output" if param.name in _OUTPUT else "Filter" if param.name in (*own, *_OF_FILTER) else "Input"
+                )
+                rows[group].append(record)
+        for title, records in rows.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+_OF_FILTER = ("seed", "params_file", "landmarks")
+
+
+def _fields(name: str) -> list[Any]:
+    return fields(registry.params_class(name))
 
 
 @cache
@@ -34,7 +75,7 @@ def command(name: str) -> click.Command:
     logs = "LOGS: MCAP files in order of time; `-`: standard input."
     usage = f"Example: pfcli {name} log.mcap{' --map map.yaml' if name in registry.MAPPED else ''} --out out/run"
 
-    @click.command(name, help="\n\n".join((registry.SUMMARY[name], logs, usage)))
+    @click.command(name, cls=_Grouped, help="\n\n".join((registry.SUMMARY[name], logs, usage)))
     @click.argument("logs", nargs=-1, required=True, type=Readable())
     @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
     @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
@@ -57,6 +98,12 @@ def command(name: str) -> click.Command:
         type=click.Path(path_type=Path),
         default=None,
         help="Also draw map and track into this PNG, SVG or PDF.",
+    )
+    @click.option(
+        "--animate",
+        type=click.Path(path_type=Path),
+        default=None,
+        help="Also film the filter at work: GIF, or MP4 where ffmpeg is installed.",
     )
     @click.option(
         "--threads", type=click.IntRange(0, 1024), default=0, help="Threads of the kernels (default: all cores)."
@@ -122,6 +169,10 @@ def _run(name: str, given: dict[str, Any]) -> int:
     check(given["out"], force=given["force"])
     if given["plot"] is not None:
         check_picture(given["plot"])
+    if given["animate"] is not None:
+        from pfcli.report import animate
+
+        animate.check(given["animate"])
     interrupt_on_terminate()
     job = job_of(name, given)._replace(command=("pfcli", *sys.argv[1:]))
 
@@ -143,6 +194,8 @@ def _run(name: str, given: dict[str, Any]) -> int:
         from pfcli.report.plots import draw
 
         draw(given["plot"], done.result, job.system.name)
+    if given["animate"] is not None:
+        animate.animate(given["animate"], done.result, job.system.name)
     emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"], job.system.readings), given["as_json"])
     return lost(summary["lost"], summary["notes"], given["quiet"])
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from pfcli.events import Pose2
 from pfcli.formats.log_writer import LogWriter, header, quaternion
+from pfcli.formats.map_yaml import GridMap
 from pfcli.formats.schemas import typestore
 from pfcli.systems.result import Result
 
@@ -14,18 +15,24 @@ _HEAD = "geometry_msgs/msg/"
 
 
 def write(path: Path, result: Result) -> None:
-    """Map once, every pose of the track with its covariance and transform, particles of every kept update."""
+    """Map, its layers and landmarks once; every pose of the track with covariance and transform; particles of kept updates."""
     stamps, poses, columns = result.track.stamps_ns, result.track.poses, result.track.columns
     frames = {f.stamp_ns: f for f in result.frames}
     with LogWriter(path) as log:
         if result.grid is not None:
-            _map(log, int(stamps[0]), result)
+            _grid(log, "/pfcli/map", int(stamps[0]), result.grid)
+        for name, layer in result.layers.items():
+            _grid(log, f"/pfcli/{name}", int(stamps[0]), layer)
+        if "landmarks" in result.tables:
+            table = result.tables["landmarks"]
+            places = [_ros_pose((x, y, 0.0)) for x, y in zip(table["x_m"], table["y_m"], strict=True)]
+            _poses(log, "/pfcli/landmarks", int(stamps[0]), places)
         for k, stamp in enumerate(stamps.tolist()):
             pose = poses[k].tolist()
             _pose(log, stamp, pose, _covariance(columns, k))
             log.tf(stamp, [("map", "base_link_estimate", Pose2(*pose))])
             if stamp in frames:
-                _particles(log, stamp, frames[stamp].particles)
+                _poses(log, "/pfcli/particles", stamp, [_ros_pose(p) for p in frames[stamp].particles.tolist()])
 
 
 def _covariance(columns: dict[str, Any], k: int) -> Any:
@@ -50,19 +57,16 @@ def _pose(log: LogWriter, stamp: int, pose: Any, covariance: Any) -> None:
     log.message("/pfcli/pose", name, stamp, types[name](header(stamp, "map"), body))
 
 
-def _particles(log: LogWriter, stamp: int, particles: Any) -> None:
-    types = typestore().types
-    rows = [_ros_pose(p) for p in particles.tolist()]
-    log.message("/pfcli/particles", _HEAD + "PoseArray", stamp, types[_HEAD + "PoseArray"](header(stamp, "map"), rows))
+def _poses(log: LogWriter, topic: str, stamp: int, poses: list[Any]) -> None:
+    kind = typestore().types[_HEAD + "PoseArray"]
+    log.message(topic, _HEAD + "PoseArray", stamp, kind(header(stamp, "map"), poses))
 
 
-def _map(log: LogWriter, stamp: int, result: Result) -> None:
+def _grid(log: LogWriter, topic: str, stamp: int, grid: GridMap) -> None:
     types = typestore().types
-    grid = result.grid
-    assert grid is not None
     rows, cols = grid.cells.shape
     when = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
     meta = types["nav_msgs/msg/MapMetaData"](when, grid.resolution_m, cols, rows, _ros_pose(grid.origin))
     data = np.where(grid.cells == 1, 100, grid.cells).astype(np.int8).ravel()
     name = "nav_msgs/msg/OccupancyGrid"
-    log.message("/pfcli/map", name, stamp, types[name](header(stamp, "map"), meta, data))
+    log.message(topic, name, stamp, types[name](header(stamp, "map"), meta, data))

@@ -11,34 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import registry, run
+from pfcli import registry
 from pfcli.errors import LogError
 from pfcli.formats import map_yaml
-from pfcli.params import build
-from pfcli.replay import Settings
 from pfcli.report import charts, page
-from tests.contracts.test_systems import DRIVES, MAPS, RUNS, SAMPLES
-from tests.contracts.test_systems import Drive as _Drive
+from tests.report.runs import short_run
 
 Sample = Callable[[str], Path]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-def make(name: str, folder: Path) -> Path:
-    """A run of some seconds of a system's sample log, with truth."""
-    system = registry.system(name)
-    drive = DRIVES.get(name, _Drive(radius_m=(0.1,), track_m=0.33))
-    settings = Settings(end_s=6.0)
-    log, grid = SAMPLES / f"{RUNS[name][0]}.mcap", MAPS.get(name)
-    job = run.Job(system, build(system.params, {}, "test"), [log], 0, settings, drive=drive, truth="auto", map=grid)
-    folder.mkdir(exist_ok=True)
-    run.write(folder, job._replace(command=("pfcli", name, "a b.mcap")), run.execute(job))
-    return folder
-
-
 @pytest.mark.parametrize("name", list(registry.SYSTEMS))
 def test_every_system_has_its_charts_and_a_small_page(name: str, tmp_path: Path) -> None:
-    folder = make(name, tmp_path / "run")
+    folder = short_run(name, tmp_path / "run")
     data = page.describe(folder)
     system = registry.system(name).name
     assert {c["title"] for c in data["charts"]} >= {c.title for c in charts.CHARTS[system] if c.table == "metrics"}
@@ -53,7 +38,7 @@ def test_every_system_has_its_charts_and_a_small_page(name: str, tmp_path: Path)
 
 def test_truth_is_drawn_in_the_frame_of_the_track(tmp_path: Path) -> None:
     """slam-gdr has a frame of its own: its truth is moved there, and lies as far from the track as the errors say."""
-    data = page.describe(make("slam-gdr", tmp_path / "run"))
+    data = page.describe(short_run("slam-gdr", tmp_path / "run"))
     track, truth = data["track"], data["truth"]
     off = np.hypot(np.subtract(track["x"], truth["x"]), np.subtract(track["y"], truth["y"]))
     assert np.allclose(off, track["error"], atol=2e-3)
@@ -129,7 +114,7 @@ def in_browser(html: Path, *flags: str) -> tuple[str, str]:
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; `apt-get install chromium` (CI does)")
 @pytest.mark.parametrize("name", ["localize-partial", "slam-gdr-landmarks"])
 def test_the_page_lives_in_a_browser(name: str, tmp_path: Path) -> None:
-    folder = make(name, tmp_path / "run")
+    folder = short_run(name, tmp_path / "run")
     path = tmp_path / "page.html"
     path.write_text(page.page(folder).replace("<head>", "<head>" + _PROBE, 1))
     document, said = in_browser(path, "--dump-dom")
