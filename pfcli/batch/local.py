@@ -38,7 +38,7 @@ def _serve(line: Connection, log: str) -> None:
     os.dup2(target, 2)
     os.dup2(target, 1)
     import pfcli.commands.system
-    import pfcli.run  # noqa: F401
+    import pfcli.results  # noqa: F401
 
     threading.Thread(target=_end_with_parent, daemon=True).start()
     line.send((0, ""))

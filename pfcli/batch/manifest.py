@@ -90,7 +90,7 @@ def _tasks(
 ) -> Iterator[Task]:
     """A job for each seed; what else determines it is looked up once."""
     from pfcli.commands.system import parsed
-    from pfcli.run import provenance
+    from pfcli.results import provenance
 
     line = (log, *words, "--threads", "1", "--progress", "never")
     try:

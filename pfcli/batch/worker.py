@@ -11,7 +11,7 @@ from pfcli.outputs import output_dir
 
 def perform(system: str, words: Sequence[str], record: dict[str, Any], target: Path) -> int:
     """Run the job and write its folder in one rename; 0, or 3 where part of the input was lost. Raises PfcliError."""
-    from pfcli import run
+    from pfcli import results, run
     from pfcli.commands.system import parsed
 
     words = (*words, "--out", str(target))
@@ -19,7 +19,7 @@ def perform(system: str, words: Sequence[str], record: dict[str, Any], target: P
     done = run.execute(job)
     code = EXIT_PARTIAL if done.loss else EXIT_DONE
     with output_dir(target, force=True) as folder:
-        run.write(folder, job, done)
+        results.write(folder, job, done)
         (folder / "job.json").write_text(json.dumps({**record, "exit": code}, indent=2) + "\n")
     return code
 

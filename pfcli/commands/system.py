@@ -176,12 +176,12 @@ def _run(name: str, given: dict[str, Any]) -> int:
     interrupt_on_terminate()
     job = job_of(name, given)._replace(command=("pfcli", *sys.argv[1:]))
 
-    from pfcli import run
+    from pfcli import results, run
     from pfcli.commands.show import emit, lost
 
     done = run.execute(job)
     with output_dir(given["out"], force=given["force"]) as folder:
-        summary = run.write(folder, job, done)
+        summary = results.write(folder, job, done)
         if given["overlay"]:
             from pfcli.formats import overlay
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from pfcli import registry, run
+from pfcli import registry, results, run
 from pfcli.dead_reckoning import Drive
 from pfcli.params import build
 from pfcli.replay import Settings
@@ -23,5 +23,5 @@ def done(name: str, seed: int = 0, **params: Any) -> tuple[run.Job, run.Run]:
 def short_run(name: str, folder: Path, seed: int = 0, **params: Any) -> Path:
     """The folder of such a run."""
     folder.mkdir(exist_ok=True)
-    run.write(folder, *done(name, seed, **params))
+    results.write(folder, *done(name, seed, **params))
     return folder

@@ -37,6 +37,27 @@ def test_ancestry_is_traced_and_its_common_part_counted() -> None:
     assert coalesced(np.array([[0, 1], [0, 1]])) == 0
 
 
+def test_the_past_that_all_share_is_kept_once_and_as_it_was() -> None:
+    """Against the whole history of every particle, for particles that die out at random."""
+    from pfcli.events import Pose2, Scan, Sweep
+    from pfcli.systems.slam_gdr.history import History
+
+    rng, n, updates = np.random.default_rng(4), 5, 400
+    kept, poses, parents = History(), [], []
+    for k in range(updates):
+        scan = Scan(k, np.ones(1, np.float32), 0.0, 0.1, 0.0, 9.0, Pose2())
+        kept.see(Sweep(k, (0.0, 0.0, 0.0), scan, ""))
+        poses.append(rng.standard_normal((n, 3)))
+        parents.append(np.sort(rng.integers(0, n, n)) if k % 7 == 3 else np.arange(n))
+        kept.update(poses[-1], parents[-1], np.eye(3))
+    for best in range(n):
+        line = trace(np.array(parents), best)
+        wanted = np.array([p[i] for p, i in zip(poses, line, strict=True)])
+        assert np.allclose(kept.track(best).poses[:, :2], wanted[:, :2])
+    assert kept.shared() == coalesced(np.array(parents))
+    assert len(kept._poses) < 150
+
+
 def test_covariance_of_headings_near_the_seam() -> None:
     poses = np.array([[0.0, 0, 3.13], [0.0, 0, -3.13]])
     assert covariance(poses)[2, 2] == pytest.approx((np.pi - 3.13) ** 2)
