@@ -2,7 +2,7 @@ PYTHON ?= python
 
 SECONDS ?= 60
 
-.PHONY: test lint docs bench golden samples slow fuzz
+.PHONY: test lint docs man bench golden samples slow fuzz
 
 test:
 	$(PYTHON) -m pytest
@@ -19,6 +19,9 @@ lint:
 	ruff format --check .
 	mypy
 	lint-imports
+
+man:
+	$(PYTHON) docs/manpages.py build/man
 
 docs:
 	$(PYTHON) docs/generate.py

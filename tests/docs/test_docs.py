@@ -100,3 +100,20 @@ def test_the_proofs_of_the_reliability_page_exist() -> None:
         assert f"def {test}(" in (ROOT / file).read_text(), f"{file}::{test}"
     for file in re.findall(r"`((?:benchmarks|pfcli)/[\w/]+\.py)`", text):
         assert (ROOT / file).is_file(), file
+
+
+def test_man_pages_of_every_command_format_without_a_warning(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "docs/manpages.py"), str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    pages = sorted(tmp_path.glob("*.1"))
+    assert len(pages) > 15
+    if shutil.which("groff") is None:
+        pytest.skip("groff is not there")
+    for page in pages:
+        shown = subprocess.run(
+            ["groff", "-ww", "-man", "-Tutf8", str(page)], capture_output=True, text=True, check=True
+        )
+        assert shown.stderr == "", page.name
+        assert "EXIT STATUS" in re.sub(r".\x08|\x1b\[[0-9;]*m", "", shown.stdout)
