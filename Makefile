@@ -2,7 +2,7 @@ PYTHON ?= python
 
 SECONDS ?= 60
 
-.PHONY: test lint docs man bench golden samples slow fuzz
+.PHONY: test lint docs man site bench golden samples slow fuzz
 
 test:
 	$(PYTHON) -m pytest
@@ -19,6 +19,9 @@ lint:
 	ruff format --check .
 	mypy
 	lint-imports
+
+site:
+	$(PYTHON) -m mkdocs build --strict
 
 man:
 	$(PYTHON) docs/manpages.py build/man

@@ -117,3 +117,35 @@ def test_man_pages_of_every_command_format_without_a_warning(tmp_path: Path) -> 
         )
         assert shown.stderr == "", page.name
         assert "EXIT STATUS" in re.sub(r".\x08|\x1b\[[0-9;]*m", "", shown.stdout)
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for name in SYSTEM_PAGES:
+        text = (tmp_path / "site/systems" / f"{name}.html").read_text()
+        assert "Reported number" in text, "the paper's tables are on the page"
+
+
+def test_every_system_has_a_page_whose_tutorial_is_run_with_its_sample_log() -> None:
+    """The commands of the tutorials are those that the golden figures are taken from (tests/golden)."""
+    samples = tomllib.loads((ROOT / "sample_logs/samples.toml").read_text())
+    for name, sample in SYSTEM_PAGES.items():
+        (block,) = re.findall(r"```sh\n(.*?)```", (ROOT / "docs/systems" / f"{name}.md").read_text(), re.S)
+        words, row = block.split(), samples[sample]
+        assert words[:2] == ["pfcli", row["run"][0]]
+        assert words[2] == f"sample_logs/{sample}.mcap"
+        if "map" in row:
+            assert f"sample_logs/{row['map']}" in words
+        assert block.replace("sample_logs/", "") in (ROOT / "README.md").read_text().replace("sample_logs/", "")
+
+
+SYSTEM_PAGES = {
+    "slam-gdr": "small-loop",
+    "slam-gdr-landmarks": "landmarks",
+    "localize-partial": "partial",
+    "localize-reliable": "kidnapped",
+    "localize-lookup": "four-rooms",
+    "fuse-soccer": "soccer",
+}
