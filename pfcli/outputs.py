@@ -19,7 +19,7 @@ def output_dir(target: Path, *, force: bool) -> Iterator[Path]:
     Raises OutputError where `target` is not empty (unless `force`), not writable, or the disk is full.
     """
     check(target, force=force)
-    partial = _partial(target)
+    partial = _beside(target, "part")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         partial.mkdir()
@@ -39,8 +39,10 @@ def output_dir(target: Path, *, force: bool) -> Iterator[Path]:
 
 def check_file(target: Path, *, force: bool) -> None:
     """Refuse a file early that could not be written in the end; `force`: it may be there already."""
-    if target.is_symlink() or target.is_dir():
-        raise OutputError(f"{target}: is a {'link' if target.is_symlink() else 'folder'}; name a file")
+    _tidy(target)
+    if target.is_symlink() or (target.exists() and not target.is_file()):
+        kind = "link" if target.is_symlink() else "folder" if target.is_dir() else "device"
+        raise OutputError(f"{target}: is a {kind}; name a file")
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")
     if not target.absolute().parent.is_dir():
@@ -56,7 +58,7 @@ def output_file(target: Path) -> Iterator[Path]:
     Raises OutputError where it cannot be written. A link is refused: what it points to was not named.
     """
     check_file(target, force=True)
-    partial = _partial(target)
+    partial = _beside(target, "part")
     try:
         yield partial
         _sync(partial)
@@ -68,14 +70,25 @@ def output_file(target: Path) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
-def _partial(target: Path) -> Path:
-    """Where an output is written before it is whole; what killed processes of this machine left there is removed."""
+def _beside(target: Path, kind: str) -> Path:
+    """A name for what this process keeps beside an output while it writes it."""
+    return target.with_name(f".{target.name}.{platform.node()}-{os.getpid()}.{kind}{target.suffix}")
+
+
+def _tidy(target: Path) -> None:
+    """Remove what killed processes of this machine left beside an output; what one had moved aside takes its place again."""
     begin = f".{target.name}.{platform.node()}-"
-    for left in target.parent.glob(glob.escape(begin) + "*.part*"):
-        pid = left.name.removeprefix(begin).partition(".")[0]
-        if pid.isdigit() and not _alive(int(pid)):
-            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
-    return target.with_name(f"{begin}{os.getpid()}.part{target.suffix}")
+    for left in target.parent.glob(glob.escape(begin) + "*"):
+        pid, _, kind = left.name.removeprefix(begin).partition(".")
+        if not pid.isdigit() or _alive(int(pid)):
+            continue
+        with suppress(OSError):
+            if kind.startswith("old") and not target.exists():
+                os.rename(left, target)
+            elif left.is_dir():
+                shutil.rmtree(left)
+            else:
+                left.unlink()
 
 
 def _alive(pid: int) -> bool:
@@ -96,6 +109,7 @@ def _sync(path: Path) -> None:
 
 def check(target: Path, *, force: bool) -> None:
     """Refuse a target early, before an hour of work."""
+    _tidy(target)
     if target.is_symlink() or (target.exists() and not target.is_dir()):
         raise OutputError(f"{target}: is not a folder; choose another --out")
     try:
@@ -123,7 +137,7 @@ def check_picture(picture: Path) -> None:
 def _replace(partial: Path, target: Path) -> None:
     old = None
     if target.exists():
-        old = target.with_name(f".{target.name}.{os.getpid()}.old")
+        old = _beside(target, "old")
         os.rename(target, old)
     os.rename(partial, target)
     if old is not None:

@@ -19,7 +19,10 @@ from pfcli.formats.messages import RANK, SECOND, Decoder, stamp_in_header
 from pfcli.loss import Loss
 
 _LEAP_NS = SECOND
-"""A stamp further ahead than this and than the horizon, behind which the next message goes back, is no time."""
+"""A stamp further ahead than this and than the horizon, behind which one of the next messages goes back, is no time."""
+_WITNESSES = 5
+"""A leap is believed that so many messages follow."""
+_PAUSE_NS = 3600 * SECOND
 _NEVER, _LONG_AGO = (1 << 63) - 1, -(1 << 61)
 _STAMPS_END = 1 << 62
 """Stamps from here on (the year 2116) are no times: sums of them would overflow."""
@@ -92,7 +95,7 @@ class Reorder:
         for batch in batches:
             self._take(batch)
             yield from self._release(self._latest - self._waiting.horizon_ns)
-        known = self._latest != _LONG_AGO and not self._sure
+        known = self._latest != _LONG_AGO
         rows = self._not_after(np.full((int(known), 7), self._latest))
         self._rows = np.concatenate([self._rows, self._in_time(rows, last=True)])
         yield from self._release(_NEVER)
@@ -118,11 +121,10 @@ class Reorder:
         self._buffers[key] = batch.data
         rows = np.concatenate(parts)
         rows = rows[np.argsort(rows[:, 2])]
-        self._sure = batch.sure
+        waiting, self._sure = self._not_after(rows), batch.sure
         if not batch.sure:
-            self._undecided = np.concatenate([self._undecided, rows])
-            return
-        rows = np.concatenate([self._not_after(rows[:1]), rows])
+            self._undecided, rows = rows, rows[:0]
+        rows = np.concatenate([waiting, rows])
         self._rows = np.concatenate([self._rows, self._in_time(rows)])
         if sum(map(len, self._buffers.values())) > self._waiting.room_bytes:
             raise LogError(
@@ -173,20 +175,21 @@ class Reorder:
             )
         return rows[behind <= self._waiting.horizon_ns]
 
-    def _not_after(self, sure: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The rows that wait for a word on them, without those that leap ahead of the row that is `sure`."""
+    def _not_after(self, following: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The rows that wait for a word on them, without those that leap ahead of the rows that follow."""
         waiting, self._undecided = self._undecided, self._undecided[:0]
-        if not len(waiting) or not len(sure):
+        usable = following[following[:, 0] != _UNUSABLE, 0][:3]
+        if self._sure or not len(waiting) or not len(usable):
             return waiting
-        ahead = waiting[:, 0] - sure[0, 0] > self._leap
+        ahead = waiting[:, 0] - int(np.median(usable)) > self._leap
         self._leave_out(waiting[ahead])
         kept: NDArray[np.int64] = waiting[~ahead]
         return kept
 
     def _without_leaps(self, rows: NDArray[np.int64], *, last: bool) -> NDArray[np.int64]:
-        """Rows in file order without stamps that leap ahead alone: a flipped bit must not make all that follows late.
+        """Rows in file order without stamps that leap ahead: a flipped bit must not make all that follows late.
 
-        A clock that is set is followed by the next message. What the last row is, the next batch tells.
+        A clock that is set is followed by the next messages. Where the last rows leap, the next batch tells.
         """
         before = np.maximum.accumulate(np.concatenate([[self._latest], rows[:, 0]]))[:-1]
         if not (rows[:, 0] - before > self._leap).any():
@@ -194,11 +197,13 @@ class Reorder:
         stamps, latest, lone = rows[:, 0].tolist(), self._latest, np.zeros(len(rows), np.bool_)
         for k, stamp in enumerate(stamps):
             if stamp - latest > self._leap:
-                if k + 1 < len(stamps):
-                    lone[k] = stamp - stamps[k + 1] > self._leap
-                elif not last:
-                    self._undecided, rows, lone = rows[-1:], rows[:-1], lone[:-1]
+                after = stamps[k + 1 : k + 1 + _WITNESSES]
+                if len(after) < _WITNESSES and not last:
+                    self._undecided, rows, lone = rows[k:], rows[:k], lone[:k]
                     break
+                lone[k] = any(stamp - other > self._leap for other in after)
+                if not after:  # nobody can tell: a pause before the last message, or no time at all
+                    lone[k] = latest != _LONG_AGO and stamp - latest > _PAUSE_NS
             if not lone[k]:
                 latest = max(latest, stamp)
         self._leave_out(rows[lone])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pfcli.clicks import Finite, streamed
-from pfcli.errors import LogError
+from pfcli.errors import LogError, UsageError
 from pfcli.outputs import check_file
 
 if TYPE_CHECKING:
@@ -71,6 +71,8 @@ def _written(
     check_file(target, force=force)
     if not source.exists():
         raise LogError(f"{source}: no such file")
+    if target.exists() and target.samefile(source):
+        raise UsageError(f"{target}: is the log itself; name another file")
     marks = landmarklogs.reader_of(source)
     if marks is not None:
         return _landmarks(marks(source), target, compression, force, as_json)

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from pfcli.clicks import Readable, max_chunk_option, streamed
+from pfcli.errors import UsageError
 from pfcli.outputs import check_file
 
 
@@ -28,10 +29,12 @@ def repair(source: Path, target: Path, compression: str, max_chunk_mib: float, f
 
     with streamed(target) as place:
         check_file(place, force=force)
+        if place.exists() and place.samefile(source):
+            raise UsageError(f"{target}: is the log itself; what cannot be read of it would be gone: name another file")
         found = mcap_repair.repair(source, place, compression, max_chunk_mib)
         values = {"out": str(target), "messages": found.messages, "topics": found.topics, "extras": found.extras}
         values |= {"missing": found.missing, "damage": found.losses}
         line = f"{target}: {found.messages} messages of {found.topics} topics, {found.extras} attachments and metadata"
         emit(values, [line], as_json)
     counts = {"damaged place": len(found.losses)} if found.losses else {}
-    return lost(counts | ({"missing message": found.missing} if found.missing else {}), found.losses[:10])
+    return lost(counts | ({"missing message": found.missing} if found.missing else {}), found.losses)

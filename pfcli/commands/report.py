@@ -21,6 +21,8 @@ def report(folder: Path, out: Path | None, force: bool) -> None:
     if not folder.is_dir():
         raise UsageError(f"{folder}: is not the folder of a run")
     target = out or folder / "report.html"
+    if target.suffix not in (".html", ".htm"):
+        raise UsageError(f"--out {target}: the ending must be .html")
     check_file(target, force=force)
     from pfcli.report import page
 

@@ -190,12 +190,12 @@ def _run(name: str, given: dict[str, Any]) -> int:
             from pfcli.report import page
 
             page.write(folder, folder / "report.html")
-    if given["plot"] is not None:
-        from pfcli.report.plots import draw
+        if given["plot"] is not None:
+            from pfcli.report.plots import draw
 
-        draw(given["plot"], done.result, job.system.name)
-    if given["animate"] is not None:
-        animate.animate(given["animate"], done.result, job.system.name)
+            draw(given["plot"], done.result, job.system.name)
+        if given["animate"] is not None:
+            animate.animate(given["animate"], done.result, job.system.name)
     emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"], job.system.readings), given["as_json"])
     return lost(summary["lost"], summary["notes"], given["quiet"])
 

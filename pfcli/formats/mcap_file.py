@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.errors import LogError, reason
+from pfcli.errors import LogError, printable, reason
 from pfcli.formats import mcap_records as records
 from pfcli.formats.mcap_chunks import Chunk, open_chunk, salvage
 from pfcli.formats.mcap_records import MAGIC, Channel, Records, Walk
@@ -109,6 +109,8 @@ class McapFile:
             self._declare(self._view[start:foot], found.others)
             if found.gaps.size:
                 return False
+        if not crc:
+            self._claimed = None  # what no checksum covers is not believed
         return bool(self.channels)
 
     def batches(self) -> Iterator[Batch]:
@@ -127,10 +129,10 @@ class McapFile:
             if last == records.DATA_END:
                 self._check_data(int(found.others[-1, 1]))
         if last not in (records.DATA_END, records.FOOTER) and not self.losses:
-            self._lose("ends without a footer; the recorder was stopped hard")
+            self.lose("ends without a footer; the recorder was stopped hard")
         self.missing = max(0, (self._claimed or 0) - count)
         if self.missing:
-            self._lose(f"{self.missing} of {self._claimed} messages could not be read")
+            self.lose(f"{self.missing} of {self._claimed} messages could not be read")
 
     def _in_order(self, found: Records) -> Iterator[Batch]:
         """Messages at the top level, in chunks and in what is left of chunks, by their place in the file."""
@@ -160,25 +162,26 @@ class McapFile:
             self._forgotten = position // _PAGES
             self._map.madvise(mmap.MADV_DONTNEED, 0, self._forgotten * _PAGES)
 
-    def _lose(self, what: str) -> None:
+    def lose(self, what: str) -> None:
+        """Note what cannot be read, or not as it was."""
         self.losses.append(f"{self.path}: {what}")
 
     def _check_data(self, at: int) -> None:
         """The checksum of everything before the record of the data's end, where the recorder made one."""
         (crc,) = struct.unpack_from("<I", self._view, at)
         if crc and not self.losses and zlib.crc32(self._view[: at - 9]) != crc:
-            self._lose("its data fail their checksum; they are used as far as they can be")
+            self.lose("its data fail their checksum; they are used as far as they can be")
 
     def _chunk(self, begin: int, end: int) -> Iterator[Batch]:
         chunk = open_chunk(self._view[begin:end], self._limit)
         if chunk.trouble:
-            self._lose(f"chunk at byte {begin - 9} {chunk.trouble}")
+            self.lose(f"chunk at byte {begin - 9} {chunk.trouble}")
         yield from self._inside(chunk, begin - 9)
 
     def _gap(self, begin: int, end: int) -> Iterator[Batch]:
         """Bytes that are no sane record; maybe they were a chunk."""
         cut = end == self._bytes.size
-        self._lose(
+        self.lose(
             f"is cut off at byte {end}, inside the record at byte {begin}"
             if cut
             else f"is damaged from byte {begin} to {end}"
@@ -197,7 +200,7 @@ class McapFile:
             if found.messages.size:
                 yield _batch(chunk.records, found.messages)._replace(sure=not chunk.trouble)
             if found.gaps.size and not chunk.trouble:
-                self._lose(f"chunk at byte {where} holds bytes that are no record")
+                self.lose(f"chunk at byte {where} holds bytes that are no record")
 
     def _declare(self, data: bytes | bytearray | memoryview, others: NDArray[np.int64]) -> None:
         """Take up the schema, channel and statistics records among `others`."""
@@ -213,7 +216,7 @@ class McapFile:
                 else:
                     (self._claimed,) = struct.unpack_from("<Q", body)
             except (struct.error, UnicodeDecodeError):
-                self._lose(f"a schema or channel record of {length} bytes cannot be read")
+                self.lose(f"a schema or channel record of {length} bytes cannot be read")
 
     def _declare_schema(self, body: bytes) -> None:
         (ident,) = struct.unpack_from("<H", body)
@@ -227,7 +230,10 @@ class McapFile:
         encoding, at = records.string(body, at)
         metadata, _ = records.blob(body, at)
         kind = self._schemas.get(schema, ("", "", b""))
-        self.channels[ident] = Channel(ident, topic, encoding, *kind, metadata)
+        declared = Channel(ident, topic, encoding, *kind, metadata)
+        if self.channels.get(ident, declared)[:3] != declared[:3]:
+            self.lose(f"channel {ident} is declared anew, as the topic {printable(topic)!r}: its messages are mixed up")
+        self.channels[ident] = declared
 
 
 def _batch(data: bytes | bytearray | memoryview, rows: NDArray[np.int64], start: int = 0) -> Batch:

@@ -1,15 +1,18 @@
 """A damaged MCAP log written anew: what the walk finds, in its order, with chunks, index and summary."""
 
 import struct
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pfcli.errors import LogError
+from pfcli.errors import LogError, printable
 from pfcli.formats import mcap_records
 from pfcli.formats.log_writer import mcap_writer
 from pfcli.formats.mcap_file import McapFile
 from pfcli.formats.mcap_records import Channel
 from pfcli.limits import DEFAULTS
+
+_MOST_CHANNELS = 65535
 
 
 class Repaired(NamedTuple):
@@ -38,27 +41,40 @@ def repair(
                 if known is None:
                     continue
                 if known not in ids:
-                    ids[known] = _register(out, known, schemas)
+                    ids[known] = _register(out, known, schemas, file)
                 payload = bytes(batch.data[offset : offset + length])
                 # the fields are unsigned, the walk keeps their bits as signed ones
                 out.add_message(ids[known], log_ns % 2**64, payload, publish_ns % 2**64, sequence)
                 copied += 1
         if not copied:
             raise LogError(f"{source}: holds no message that can be read; nothing was written")
-        extras = sum(_copy_extra(out, opcode, body) for opcode, body in file.extras)
-    return Repaired(copied, len({channel.topic for channel in ids}), extras, file.missing, file.losses)
+        topics = len({channel.topic for channel in ids})
+        for channel in file.channels.values():
+            if channel not in ids:
+                ids[channel] = _register(out, channel, schemas, file)
+        extras = sum(_copy_extra(out, opcode, body, file) for opcode, body in file.extras)
+    return Repaired(copied, topics, extras, file.missing, file.losses)
 
 
-def _register(out: Any, channel: Channel, schemas: dict[tuple[str, str, bytes], int]) -> int:
+def _register(out: Any, channel: Channel, schemas: dict[tuple[str, str, bytes], int], file: McapFile) -> int:
     schema = channel[3:6]
-    if schema not in schemas:
-        schemas[schema] = out.register_schema(*schema) if any(schema) else 0
-    at = mcap_records.pairs(channel.metadata)
-    found: int = out.register_channel(channel.topic, channel.encoding, schemas[schema], at)
+    try:
+        metadata = mcap_records.pairs(channel.metadata)
+    except (struct.error, UnicodeDecodeError):
+        metadata = {}
+        file.lose(f"the metadata of the channel {printable(channel.topic)!r} cannot be read")
+    try:
+        if schema not in schemas:
+            schemas[schema] = out.register_schema(*schema) if any(schema) else 0
+        found: int = out.register_channel(channel.topic, channel.encoding, schemas[schema], metadata)
+    except struct.error:
+        raise LogError(f"{file.path}: declares more than 65535 different channels") from None
+    if found > _MOST_CHANNELS or len(schemas) > _MOST_CHANNELS:
+        raise LogError(f"{file.path}: declares more than {_MOST_CHANNELS} different channels")
     return found
 
 
-def _copy_extra(out: Any, opcode: int, body: bytes) -> bool:
+def _copy_extra(out: Any, opcode: int, body: bytes, file: McapFile) -> bool:
     """Whether an attachment or a metadata record could be read and was written."""
     try:
         if opcode == mcap_records.METADATA:
@@ -69,7 +85,11 @@ def _copy_extra(out: Any, opcode: int, body: bytes) -> bool:
         name, at = mcap_records.string(body, 16)
         media, at = mcap_records.string(body, at)
         (size,) = struct.unpack_from("<Q", body, at)
+        (crc,) = struct.unpack_from("<I", body, at + 8 + size)
+        if crc and zlib.crc32(body[: at + 8 + size]) != crc:
+            file.lose(f"the attachment {printable(name)!r} fails its checksum; it is kept as it is")
         out.add_attachment(create_ns, log_ns, name, media, body[at + 8 : at + 8 + size])
     except (struct.error, UnicodeDecodeError):
+        file.lose("an attachment or metadata record cannot be read")
         return False
     return True

@@ -1,5 +1,6 @@
 """`overlay.mcap`: the run as standard ROS 2 messages, to open in Foxglove or Rerun beside the log."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ def write(path: Path, result: Result) -> None:
             _poses(log, "/pfcli/landmarks", int(stamps[0]), places)
         for k, stamp in enumerate(stamps.tolist()):
             pose = poses[k].tolist()
+            if not all(map(math.isfinite, pose)):
+                continue
             _pose(log, stamp, pose, _covariance(columns, k))
             log.tf(stamp, [("map", "base_link_estimate", Pose2(*pose))])
             if stamp in frames:

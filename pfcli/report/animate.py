@@ -59,10 +59,10 @@ def animate(film: Path, result: Result, title: str) -> None:
         axes.set_title(f"{title}, {(frame.stamp_ns - stamps[0]) * 1e-9:.1f} s")
         return [way, cloud, scan, robot]
 
-    made = animation.FuncAnimation(figure, show, frames=len(frames))
     writer = animation.PillowWriter(_PER_S) if film.suffix == ".gif" else animation.FFMpegWriter(_PER_S)
     try:
         with output_file(film) as partial:
+            made = animation.FuncAnimation(figure, show, frames=len(frames))
             made.save(partial, writer=writer, dpi=90)
     finally:
         pyplot.close(figure)

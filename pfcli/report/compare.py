@@ -12,7 +12,7 @@ from pfcli.errors import LogError
 from pfcli.formats import map_yaml, parquet
 from pfcli.registry import LOCALISERS
 from pfcli.report.metrics import align_se2, associate
-from pfcli.report.page import summary_of
+from pfcli.report.page import summary_of, whole_run
 
 _GAP_NS = 50_000_000
 
@@ -36,15 +36,23 @@ def read(folders: Sequence[Path]) -> list[Compared]:
     """
     found: list[Compared] = []
     for name, folder in zip(_names(folders), folders, strict=True):
-        summary, about = summary_of(folder), parquet.provenance(folder / "track.parquet")
-        table = parquet.read(folder / "track.parquet")
-        poses = np.column_stack([table[k] for k in ("x_m", "y_m", "yaw_rad")])
-        known = np.isfinite(poses).all(axis=1)
-        stamps, poses = np.asarray(table["t_ns"])[known], poses[known]
-        own = about["system"] not in LOCALISERS or (found and found[0].about["system"] not in LOCALISERS)
-        poses, apart = _onto(found[0], stamps, poses, bool(own)) if found else (poses, 0.0)
-        found.append(Compared(name, summary, about, stamps, poses, apart))
+        with whole_run(folder):
+            found.append(_read(name, folder, found[0] if found else None))
     return found
+
+
+def _read(name: str, folder: Path, first: Compared | None) -> Compared:
+    summary, about = summary_of(folder), parquet.provenance(folder / "track.parquet")
+    table = parquet.read(folder / "track.parquet")
+    poses = np.column_stack([table[k] for k in ("x_m", "y_m", "yaw_rad")])
+    known = np.isfinite(poses).all(axis=1)
+    stamps, poses, apart = np.asarray(table["t_ns"])[known], poses[known], 0.0
+    if first is not None:
+        own = not {about["system"], first.about["system"]} <= set(LOCALISERS)
+        poses, apart = _onto(first, stamps, poses, own)
+    made = Compared(name, summary, about, stamps, poses, apart)
+    rows([made]), _flat(about)  # what a table will need of it is there
+    return made
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -74,7 +82,7 @@ def rows(runs: Sequence[Compared]) -> list[dict[str, Any]]:
     """Per run what the table shows; None where a run has no such figure."""
     found = []
     for run in runs:
-        truth = run.summary.get("truth", {})
+        truth = run.summary.get("truth") or {}
         row = {"run": run.name, "system": run.about["system"], "seed": run.about["seed"]}
         row |= {name: truth.get(name) for name in ("ate_m", "mean_m", "max_m", "heading_rmse_deg")}
         row |= {"apart_m": round(run.apart_m, 6) if np.isfinite(run.apart_m) else None}

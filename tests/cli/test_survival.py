@@ -53,32 +53,32 @@ def test_killed_at_any_moment_an_output_is_whole_or_not_there(
     name: str, kills: int, sample: Sample, tmp_path: Path
 ) -> None:
     words, made = _commands(sample, tmp_path / "a")[name]
-    tables = set(made.glob("*-73-*.ranges")) if name == "table" else set()
+    tables = set(made.glob("[!.]*-73-*.ranges")) if name == "table" else set()
     for table in tables:
         table.unlink()
     began = time.perf_counter()
     subprocess.run([*RUN, *map(str, words)], check=True, capture_output=True)
     seconds = time.perf_counter() - began
-    reference = _content(next(made.glob("*-73-*.ranges")) if name == "table" else made)
+    reference = _content(next(made.glob("[!.]*-73-*.ranges")) if name == "table" else made)
     moments, whole = np.random.default_rng(5).uniform(0.0, 1.05 * seconds, kills), 0
     for moment in moments:
         words, made = _commands(sample, tmp_path / "k")[name]
         if name != "table":
             words = [*words, "--force"]
             shutil.rmtree(made) if made.is_dir() else made.unlink(missing_ok=True)
-        for table in made.glob("*-73-*.ranges") if name == "table" else ():
+        for table in made.glob("[!.]*-73-*.ranges") if name == "table" else ():
             table.unlink()
         process = subprocess.Popen([*RUN, *map(str, words)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         time.sleep(moment)
         process.send_signal(signal.SIGKILL)
         process.wait()
-        output = next(made.glob("*-73-*.ranges"), None) if name == "table" else made
+        output = next(made.glob("[!.]*-73-*.ranges"), None) if name == "table" else made
         if output is not None and output.exists():
             assert _content(output) == reference, moment
             whole += 1
     again = subprocess.run([*RUN, *map(str, words)], capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
-    assert _content(next(made.glob("*-73-*.ranges")) if name == "table" else made) == reference
+    assert _content(next(made.glob("[!.]*-73-*.ranges")) if name == "table" else made) == reference
     assert whole < kills or kills < 10
     assert not list(made.parent.glob(".*.part*")), "what the killed ones left is swept away by the next"
 
@@ -122,6 +122,7 @@ def test_links_and_folders_are_no_outputs(pfcli: Cli, sample: Sample, tmp_path: 
     link = tmp_path / "link.mcap"
     link.symlink_to(mine)
     (tmp_path / "folder.mcap").mkdir()
+    os.mkfifo(tmp_path / "pipe.mcap")
     for words in (
         ["repair", sample("four-rooms"), link, "--force"],
         ["convert", _carmen(tmp_path / "a.log", 10), link, "--force"],
@@ -129,6 +130,7 @@ def test_links_and_folders_are_no_outputs(pfcli: Cli, sample: Sample, tmp_path: 
         ["slam-gdr", sample("small-loop"), "--out", tmp_path / "o", "--plot", tmp_path / "nodir/x.png"],
         ["repair", sample("four-rooms"), tmp_path / "folder.mcap", "--force"],
         ["repair", sample("four-rooms"), "/proc/x.mcap"],
+        ["repair", sample("four-rooms"), tmp_path / "pipe.mcap", "--force"],
     ):
         done = pfcli(*words)
         assert done.returncode == 1, (words, done.stdout)
@@ -169,3 +171,26 @@ def test_repair_says_what_is_lost_and_pipes(pfcli: Cli, sample: Sample, tmp_path
     assert piped.returncode == 3
     assert piped.stdout == (tmp_path / "whole.mcap").read_bytes()
     assert pfcli("repair", tmp_path / "cut.mcap", tmp_path / "whole.mcap").returncode == 2
+
+
+def test_an_old_result_survives_a_kill_between_two_renames(tmp_path: Path) -> None:
+    """With --force the old folder is moved aside for a moment; whoever comes next puts it back."""
+    from pfcli.outputs import _beside, check
+
+    (tmp_path / "o").mkdir()
+    (tmp_path / "o/mine.txt").write_text("keep")
+    aside = _beside(tmp_path / "o", "old")
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    os.rename(tmp_path / "o", aside.with_name(aside.name.replace(str(os.getpid()), str(dead.pid))))
+    check(tmp_path / "o", force=True)
+    assert [p.name for p in tmp_path.iterdir()] == ["o"]
+    assert (tmp_path / "o/mine.txt").read_text() == "keep"
+
+
+def test_a_log_is_not_replaced_by_what_can_be_read_of_it(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(sample("four-rooms").read_bytes()[:50_000])
+    done = pfcli("repair", path, path, "--force")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert path.stat().st_size == 50_000

@@ -159,6 +159,27 @@ def test_repair_keeps_every_byte_of_a_whole_file(tmp_path: Path) -> None:
     assert McapFile(tmp_path / "y.mcap").profile == "ros2"
 
 
+def test_repair_says_what_it_cannot_keep(tmp_path: Path) -> None:
+    """Metadata of channels, attachments and metadata records that cannot be read; topics without messages are kept."""
+    from mcap.writer import Writer
+
+    with open(tmp_path / "x.mcap", "wb") as file:
+        writer = Writer(file, use_chunking=False, repeat_channels=False, repeat_schemas=False)
+        writer.start()
+        used = writer.register_channel("/used", "json", 0, {"key": "value"})
+        writer.register_channel("/idle", "json", 0)
+        writer.add_message(used, 1, b"{}", 1)
+        writer.add_attachment(1, 2, "notes.txt", "text/plain", b"by hand")
+        writer.finish()
+    data = (tmp_path / "x.mcap").read_bytes().replace(b"value", b"\xff\xfe\xfd\xfc\xfb").replace(b"by hand", b"BY hand")
+    (tmp_path / "y.mcap").write_bytes(data)
+    done = mcap_repair.repair(tmp_path / "y.mcap", tmp_path / "z.mcap")
+    assert (done.messages, done.topics, done.extras) == (1, 1, 1)
+    told = " ".join(done.losses)
+    assert "metadata of the channel '/used'" in told
+    assert "'notes.txt' fails its checksum" in told
+
+
 # --- hostile files -------------------------------------------------------------------------------------------
 
 
@@ -257,6 +278,48 @@ def test_stamps_that_leap_cost_only_themselves(tmp_path: Path) -> None:
             found, log, _ = _read(tmp_path / "y.mcap", bytes(flipped))
             assert found == [n for n in range(100) if n != k]
             assert log.loss.counts == {"leap of time": 1}
+
+
+def test_leaps_one_behind_the_other_and_at_the_end_cost_only_themselves(tmp_path: Path) -> None:
+    write(tmp_path / "x.mcap", list(range(100)), use_chunking=False)
+    data = bytearray((tmp_path / "x.mcap").read_bytes())
+    messages = [start for opcode, start, _ in records(bytes(data)) if opcode == 0x05]
+    for k in (50, 51, 99):
+        struct.pack_into("<i", data, messages[k] + 9 + 22 + 4, 2_100_000_000)
+    found, log, _ = _read(tmp_path / "y.mcap", bytes(data))
+    assert found == [n for n in range(100) if n not in (50, 51, 99)]
+    assert log.loss.counts == {"leap of time": 3}
+
+
+def test_a_pause_of_minutes_loses_nothing(tmp_path: Path) -> None:
+    order = [*range(50), *range(9000, 9050), 12_000]
+    for kind in ("zstd", "unchunked"):
+        write(tmp_path / "x.mcap", order, **ODD[kind])
+        assert numbers(tmp_path / "x.mcap") == order
+
+
+def test_a_wrong_checksum_costs_nothing_whatever_the_next_stamp_is(tmp_path: Path) -> None:
+    """Messages of a chunk whose checksum is wrong wait for the next chunk, whose first stamp may be none."""
+    write(tmp_path / "x.mcap", list(range(100)), compression=CompressionType.NONE, chunk_size=20_000)
+    data, chunks = bytearray((tmp_path / "x.mcap").read_bytes()), _chunks(tmp_path / "x.mcap")
+    data[chunks[1][0] + 9 + 24] ^= 1  # the checksum itself
+    (first,) = [start for opcode, start, _ in _inner(bytes(data), chunks[2]) if opcode == 0x05][:1]
+    struct.pack_into("<i", data, first + 9 + 22 + 4, -5)
+    found, log, _ = _read(tmp_path / "y.mcap", bytes(data))
+    lost = chunks[0][2] + chunks[1][2]
+    assert found == [n for n in range(100) if n != lost]
+    assert log.loss.counts["bad stamp"] == 1
+    assert "leap of time" not in log.loss.counts
+
+
+def _inner(data: bytes, chunk: tuple[int, int, int]) -> list[tuple[int, int, int]]:
+    """Records of an uncompressed chunk, by their place in the file."""
+    found, at = [], chunk[0] + 9 + 40
+    while at < chunk[1]:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        found.append((opcode, at, at + 9 + length))
+        at += 9 + length
+    return found
 
 
 def test_a_clock_that_is_set_goes_on(tmp_path: Path) -> None:

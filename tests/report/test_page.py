@@ -67,6 +67,39 @@ def test_what_is_no_run_is_one_line(tmp_path: Path, pfcli: Callable[..., "subpro
     assert pfcli("report", tmp_path / "none").returncode == 2
 
 
+@pytest.mark.parametrize(
+    "broken",
+    [
+        lambda run, table: (run.pop("logs"), table),
+        lambda run, table: (run.pop("span_s"), table),
+        lambda run, table: (run.update(truth=[1]), table),
+        lambda run, table: (None, table.slice(0, 0)),
+        lambda run, table: (None, table.replace_schema_metadata({})),
+        lambda run, table: (None, table.drop_columns(["x_m"])),
+    ],
+)
+def test_half_a_run_is_one_line(broken: Any, tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    folder = short_run("slam-gdr", tmp_path / "run")
+    values, table = json.loads((folder / "run.json").read_text()), pq.read_table(folder / "track.parquet")
+    _, table = broken(values, table)
+    (folder / "run.json").write_text(json.dumps(values))
+    pq.write_table(table, folder / "track.parquet")
+    with pytest.raises(LogError, match="does not hold a whole run"):
+        page.page(folder)
+
+
+def test_names_from_a_log_are_text_and_nothing_else(tmp_path: Path) -> None:
+    folder = short_run("slam-gdr", tmp_path / "run")
+    values = json.loads((folder / "run.json").read_text())
+    values["logs"] = ["@DATA@<script>alert(1).mcap"]
+    (folder / "run.json").write_text(json.dumps(values))
+    text = page.page(folder)
+    assert "<script>alert" not in text
+    assert "<h1>slam-gdr: @DATA@&lt;script&gt;alert(1).mcap" in text
+
+
 _PROBE = """
 <script>
 const faults = [];

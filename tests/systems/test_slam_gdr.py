@@ -37,12 +37,13 @@ def test_ancestry_is_traced_and_its_common_part_counted() -> None:
     assert coalesced(np.array([[0, 1], [0, 1]])) == 0
 
 
-def test_the_past_that_all_share_is_kept_once_and_as_it_was() -> None:
+@pytest.mark.parametrize("n", [1, 5])
+def test_the_past_that_all_share_is_kept_once_and_as_it_was(n: int) -> None:
     """Against the whole history of every particle, for particles that die out at random."""
     from pfcli.events import Pose2, Scan, Sweep
     from pfcli.systems.slam_gdr.history import History
 
-    rng, n, updates = np.random.default_rng(4), 5, 400
+    rng, updates = np.random.default_rng(4), 400
     kept, poses, parents = History(), [], []
     for k in range(updates):
         scan = Scan(k, np.ones(1, np.float32), 0.0, 0.1, 0.0, 9.0, Pose2())

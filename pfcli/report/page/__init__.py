@@ -4,7 +4,9 @@ import base64
 import html
 import io
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -41,13 +43,27 @@ def page(folder: Path) -> str:
         "@DATA@": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
     }
     text = (_HERE / "page.html").read_text(encoding="utf-8")
-    for mark in ("@TITLE@", "@STYLE@", "@SCRIPT@", "@DATA@"):
-        text = text.replace(mark, parts[mark])
-    return text
+    return re.sub("|".join(parts), lambda mark: parts[mark[0]], text)
 
 
 def describe(folder: Path) -> dict[str, Any]:
-    """What the page shows, as plain values."""
+    """What the page shows, as plain values. Raises LogError where the folder holds no whole run."""
+    with whole_run(folder):
+        return _described(folder)
+
+
+@contextmanager
+def whole_run(folder: Path) -> Iterator[None]:
+    """Whatever reading the files of a run trips over becomes one line: they may be another program's, or half of a run."""
+    try:
+        yield
+    except LogError:
+        raise
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError, OSError) as error:
+        raise LogError(f"{folder}: does not hold a whole run of this version ({reason(error)})") from None
+
+
+def _described(folder: Path) -> dict[str, Any]:
     summary = summary_of(folder)
     track, metrics = (parquet.read(folder / f"{name}.parquet") for name in ("track", "metrics"))
     frames = parquet.read(folder / "frames.parquet")
@@ -85,7 +101,7 @@ def summary_of(folder: Path) -> dict[str, Any]:
     """`run.json` of a run. Raises LogError where the folder holds no run."""
     try:
         found = json.loads((folder / "run.json").read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise LogError(f"{folder}: is not the folder of a run: run.json cannot be read ({reason(error)})") from None
     if not isinstance(found, dict) or "system" not in found:
         raise LogError(f"{folder}: is not the folder of a run: run.json names no system")

@@ -10,7 +10,7 @@ from pfcli.systems.result import Track
 from pfcli.systems.slam_gdr.kernels import coalesced, trace
 
 _SETTLE = 64
-"""So often it is asked since when all particles have one past."""
+"""After so many updates, or twice as many as still differ, it is asked since when all particles have one past."""
 
 
 class History:
@@ -28,6 +28,7 @@ class History:
         self._settled = Rows((3,))
         self._poses: list[NDArray[np.float64]] = []
         self._parents: list[NDArray[np.int64]] = []
+        self._next, self._alone = _SETTLE, False
 
     @property
     def updates(self) -> int:
@@ -44,14 +45,16 @@ class History:
         """Particles (n, 3) after the scan that was seen last, the one before it that each comes from (n,), covariance (3, 3)."""
         self._scan_of_update.append(len(self._stamps_ns) - 1)
         self._covariance.append(cov)
+        self._alone = len(pose) == 1
         self._poses.append(pose)
         self._parents.append(parents)
-        if len(self._poses) % _SETTLE == 0:
+        if len(self._poses) >= self._next:
             self._settle()
+            self._next = max(_SETTLE, 2 * len(self._poses))  # so that asking stays cheap where they never agree
 
     def _settle(self) -> None:
         parents = np.array(self._parents)
-        shared = int(coalesced(parents))
+        shared = int(coalesced(parents)) if parents.shape[1] > 1 else len(parents)
         if shared:
             ancestor = trace(parents, 0)[shared - 1]
             self._settled.extend(self._line(parents[:shared], ancestor))
@@ -64,6 +67,8 @@ class History:
 
     def shared(self) -> int:
         """How many updates all particles of the end have in common."""
+        if self._alone:
+            return 0  # of one particle nobody else has a past
         return len(self._settled) + (int(coalesced(np.array(self._parents))) if self._parents else 0)
 
     def track(self, best: int) -> Track:
