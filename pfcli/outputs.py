@@ -18,7 +18,7 @@ def output_dir(target: Path, *, force: bool) -> Iterator[Path]:
 
     Raises OutputError where `target` is not empty (unless `force`), not writable, or the disk is full.
     """
-    check(target, force=force)
+    _check_folder(target, force=force)
     partial = _beside(target, "part")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -38,8 +38,12 @@ def output_dir(target: Path, *, force: bool) -> Iterator[Path]:
 
 
 def check_file(target: Path, *, force: bool) -> None:
-    """Refuse a file early that could not be written in the end; `force`: it may be there already."""
+    """Refuse a file early that could not be written in the end; `force`: it may be there already. Sweeps up after killed runs."""
     _tidy(target)
+    _check_file(target, force=force)
+
+
+def _check_file(target: Path, *, force: bool) -> None:
     if target.is_symlink() or (target.exists() and not target.is_file()):
         kind = "link" if target.is_symlink() else "folder" if target.is_dir() else "device"
         raise OutputError(f"{target}: is a {kind}; name a file")
@@ -57,7 +61,7 @@ def output_file(target: Path) -> Iterator[Path]:
 
     Raises OutputError where it cannot be written. A link is refused: what it points to was not named.
     """
-    check_file(target, force=True)
+    _check_file(target, force=True)
     partial = _beside(target, "part")
     try:
         yield partial
@@ -108,8 +112,12 @@ def _sync(path: Path) -> None:
 
 
 def check(target: Path, *, force: bool) -> None:
-    """Refuse a target early, before an hour of work."""
+    """Refuse a folder early, before an hour of work. Sweeps up after killed runs."""
     _tidy(target)
+    _check_folder(target, force=force)
+
+
+def _check_folder(target: Path, *, force: bool) -> None:
     if target.is_symlink() or (target.exists() and not target.is_dir()):
         raise OutputError(f"{target}: is not a folder; choose another --out")
     try:

@@ -20,7 +20,7 @@ from pfcli.core.threads import spread
 from pfcli.errors import OutputError, reason
 from pfcli.formats import map_yaml
 from pfcli.formats.map_yaml import GridMap
-from pfcli.outputs import output_file
+from pfcli.outputs import check_file, output_file
 
 _MAGIC = b"pfcli range table 1\n"
 _HEAD = 4096
@@ -56,6 +56,7 @@ def load(grid: GridMap, bins: int, range_m: float) -> Loaded:
         why = f"rebuilt: {why}"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        check_file(path, force=True)
         _write(path, wanted, lambda out: _fill(out, grid, bins, range_m))
         ranges = np.memmap(path, np.uint16, "r", _HEAD, (wanted["rows"], bins))
     except (OSError, OutputError) as error:
