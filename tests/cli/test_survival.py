@@ -56,8 +56,11 @@ def test_killed_at_any_moment_an_output_is_whole_or_not_there(
     tables = set(made.glob("[!.]*-73-*.ranges")) if name == "table" else set()
     for table in tables:
         table.unlink()
+    warm = [*map(str, words), *(["--bins", "74"] if name == "table" else [])]  # compiles kernels, which must not count
+    subprocess.run([*RUN, *warm], check=True, capture_output=True)
+    again = [] if name == "table" else ["--force"]
     began = time.perf_counter()
-    subprocess.run([*RUN, *map(str, words)], check=True, capture_output=True)
+    subprocess.run([*RUN, *map(str, words), *again], check=True, capture_output=True)
     seconds = time.perf_counter() - began
     reference = _content(next(made.glob("[!.]*-73-*.ranges")) if name == "table" else made)
     moments, whole = np.random.default_rng(5).uniform(0.0, 1.05 * seconds, kills), 0
