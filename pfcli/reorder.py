@@ -81,7 +81,7 @@ class Reorder:
     ) -> None:
         self._path, self._sources, self._waiting, self._loss = path, sources, waiting, loss
         self._start_s, self._end_s = window
-        self._buffers: dict[int, bytes | bytearray | memoryview] = {}
+        self._buffers: dict[int, bytes | memoryview] = {}
         self._rows = np.empty((0, 7), np.int64)
         """stamp, rank, place in the file, index of the source, key of the buffer, offset, length"""
         self._undecided, self._sure = self._rows, True

@@ -17,7 +17,7 @@ _PIECE = 1024
 class Chunk(NamedTuple):
     """The records of a chunk, as far as they could be had, and what is wrong with them ('': nothing)."""
 
-    records: bytes | bytearray | memoryview
+    records: bytes | memoryview
     trouble: str = ""
 
 
@@ -47,7 +47,7 @@ def salvage(record: memoryview, limit: int) -> Chunk | None:
     return None
 
 
-def _decompressed(name: str, body: memoryview, size: int, limit: int) -> tuple[bytes | bytearray | memoryview, str]:
+def _decompressed(name: str, body: memoryview, size: int, limit: int) -> tuple[bytes | memoryview, str]:
     if name == "":
         return body, ""
     if name == "zstd":
@@ -102,14 +102,16 @@ def _lz4_stream(body: memoryview) -> Any:
             return
 
 
-def _piecewise(stream: Any, errors: Any, limit: int) -> tuple[bytearray, str]:
+def _piecewise(stream: Any, errors: Any, limit: int) -> tuple[bytes, str]:
     """What a stream gives up to its damage, its end or the limit."""
-    out = bytearray()
+    pieces: list[bytes] = []
+    size, trouble = 0, ""
     try:
         for piece in stream:
-            out += piece
-            if len(out) > limit:
-                return bytearray(), f"holds more than {limit / 2**20:g} MiB; --max-chunk-mib reads larger ones"
+            pieces.append(piece)
+            size += len(piece)
+            if size > limit:
+                return b"", f"holds more than {limit / 2**20:g} MiB; --max-chunk-mib reads larger ones"
     except errors:
-        return out, "cannot be decompressed whole"
-    return out, ""
+        trouble = "cannot be decompressed whole"
+    return b"".join(pieces), trouble

@@ -26,7 +26,7 @@ class Batch(NamedTuple):
     """Messages of one buffer: channel ids, times (ns), sequence and the place of each payload in `data`; `sure`: no checksum
     and no decompressor objects to them."""
 
-    data: bytes | bytearray | memoryview
+    data: bytes | memoryview
     channel: NDArray[np.int64]
     log_ns: NDArray[np.int64]
     publish_ns: NDArray[np.int64]
@@ -202,7 +202,7 @@ class McapFile:
             if found.gaps.size and not chunk.trouble:
                 self.lose(f"chunk at byte {where} holds bytes that are no record")
 
-    def _declare(self, data: bytes | bytearray | memoryview, others: NDArray[np.int64]) -> None:
+    def _declare(self, data: bytes | memoryview, others: NDArray[np.int64]) -> None:
         """Take up the schema, channel and statistics records among `others`."""
         for opcode, offset, length in others.tolist():
             if opcode not in (records.SCHEMA, records.CHANNEL, records.STATISTICS):
@@ -236,6 +236,6 @@ class McapFile:
         self.channels[ident] = declared
 
 
-def _batch(data: bytes | bytearray | memoryview, rows: NDArray[np.int64], start: int = 0) -> Batch:
+def _batch(data: bytes | memoryview, rows: NDArray[np.int64], start: int = 0) -> Batch:
     channel, sequence, log, publish, offset, length = rows.T.copy()
     return Batch(data, channel, log, publish, sequence, offset - start, length)

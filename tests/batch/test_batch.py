@@ -51,7 +51,7 @@ def contents(out: Path) -> dict[str, bytes]:
         data = path.read_bytes()
         if path.name == "run.json":
             told = json.loads(data)
-            for name in ("seconds", "ms_per_update", "logs"):
+            for name in ("seconds", "ms_per_update", "update_ms", "logs", "command"):
                 del told[name]
             data = json.dumps(told).encode()
         found[f"{path.parent.name}/{path.name}"] = data
