@@ -1,5 +1,6 @@
 """The `pfcli` command: a lazy click group, nothing else."""
 
+import errno
 import importlib
 import sys
 from typing import Any
@@ -88,5 +89,8 @@ def run() -> None:
         click.echo("pfcli: out of memory; fewer --particles or a coarser --resolution-m need less", err=True)
         sys.exit(EXIT_FAILED)
     except OSError as error:
+        if error.filename is None and error.errno in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT):
+            click.echo(f"pfcli: {reason(error)}; PFCLI_CACHE_DIR names another place for compiled kernels", err=True)
+            sys.exit(EXIT_FAILED)
         click.echo(f"pfcli: {printable(str(error.filename or 'input or output'))}: {reason(error)}", err=True)
         sys.exit(EXIT_FAILED)
