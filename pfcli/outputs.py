@@ -49,10 +49,7 @@ def _check_file(target: Path, *, force: bool) -> None:
         raise OutputError(f"{target}: is a {kind}; name a file")
     if target.exists() and not force:
         raise UsageError(f"{target}: exists; say --force to replace it")
-    if not target.absolute().parent.is_dir():
-        raise OutputError(f"{target}: there is no folder {target.parent}")
-    if not os.access(target.absolute().parent, os.W_OK | os.X_OK):
-        raise OutputError(f"{target}: {target.absolute().parent} is not writable")
+    _check_above(target)
 
 
 @contextmanager
@@ -64,6 +61,7 @@ def output_file(target: Path) -> Iterator[Path]:
     _check_file(target, force=True)
     partial = _beside(target, "part")
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         yield partial
         _sync(partial)
         os.replace(partial, target)
@@ -125,10 +123,15 @@ def _check_folder(target: Path, *, force: bool) -> None:
             raise OutputError(f"{target}: is not empty; choose another --out or say --force")
     except OSError as error:
         raise OutputError(f"{target}: cannot be read ({reason(error)})") from None
-    above = target.absolute()
+    _check_above(target)
+
+
+def _check_above(target: Path) -> None:
+    """Folders that are not there yet are made; the first that is there must let us."""
+    above = target.absolute().parent
     while not above.exists():
         above = above.parent
-    if not os.access(above, os.W_OK | os.X_OK):
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
         raise OutputError(f"{target}: {above} is not writable")
 
 
