@@ -43,7 +43,7 @@ class Source(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """How long and how much may wait: horizon (ns), bytes of messages; the clock, and offsets of roles (s)."""
+    """How long (ns) and how much (bytes of messages) may wait; the clock that counts, and offsets of roles (ns)."""
 
     horizon_ns: int
     room_bytes: int
