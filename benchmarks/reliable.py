@@ -26,7 +26,7 @@ from pfcli.params import build
 from pfcli.registry import system
 from pfcli.replay import Log
 from pfcli.report.metrics import wrap
-from pfcli.simulate import scenario as scenarios
+from pfcli.simulate import scenario
 from pfcli.systems.localize_reliable import assets
 
 SYSTEM = system("localize-reliable")
@@ -39,9 +39,9 @@ def simulated(name: str, world_seed: int, seed: int) -> Path:
     path = worlds.LOGS / f"{name}-{world_seed}-{seed}.mcap"
     if not path.exists():
         worlds.LOGS.mkdir(parents=True, exist_ok=True)
-        found = scenarios.load(name)._replace(world_seed=world_seed)
-        scenarios.write(found, seed, path)
-        scenarios.write_map(found, path.parent, path.stem)
+        found = scenario.SCENARIOS[name]._replace(world_seed=world_seed)
+        scenario.write(found, seed, path)
+        scenario.write_map(found, path.parent, path.stem)
     return path
 
 

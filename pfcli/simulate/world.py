@@ -23,6 +23,10 @@ class World(NamedTuple):
     unmapped: NDArray[np.float64] = np.empty((0, 4))
 
 
+_ROOM_TO_PASS_M = 0.5
+"""Half of what a robot and its turning circle take."""
+
+
 class _Plan:
     def __init__(self, rng: np.random.Generator) -> None:
         self.segments: list[tuple[float, float, float, float]] = []
@@ -50,15 +54,23 @@ class _Plan:
         for (x1, y1), (x2, y2) in zip(corners, corners[1:] + corners[:1], strict=True):
             self.segments.append((x1, y1, x2, y2))
 
-    def furnish(self, x0: float, y0: float, x1: float, y1: float, pieces: int) -> None:
-        """Boxes along the walls of a room."""
-        for _ in range(pieces):
+    def furnish(
+        self, x0: float, y0: float, x1: float, y1: float, pieces: int, way: tuple[float, float, float, float] | None = None
+    ) -> None:
+        """Boxes along the walls of a room, none where a robot drives along `way` (x1, y1, x2, y2; axis-parallel)."""
+        while pieces:
             w, h = self.rng.uniform(0.2, 0.5, 2)
             side = int(self.rng.integers(4))
             px, py = self.rng.uniform(x0 + 0.8, x1 - 0.8), self.rng.uniform(y0 + 0.8, y1 - 0.8)
             px = x0 + w if side == 0 else x1 - w if side == 1 else px
             py = y0 + h if side == 2 else y1 - h if side == 3 else py
+            if way:
+                off_x = max(min(way[0], way[2]) - px - w, px - w - max(way[0], way[2]), 0.0)
+                off_y = max(min(way[1], way[3]) - py - h, py - h - max(way[1], way[3]), 0.0)
+                if math.hypot(off_x, off_y) < _ROOM_TO_PASS_M:
+                    continue
             self.box(px, py, w, h)
+            pieces -= 1
 
     def world(self, route: list[tuple[float, float]]) -> World:
         return World(np.round(np.array(self.segments), 3), np.array(route, float))
@@ -144,8 +156,9 @@ def office(seed: int) -> World:
         for cut in cuts[1:-1]:
             plan.wall(cut, y0, cut, y1)
         for a, b, door in zip(cuts, cuts[1:], doors, strict=False):
-            plan.furnish(a, y0, b, y1, 5)
-            rooms.append((door, (y0 + y1) / 2, y))
+            inside = (y0 + y1) / 2
+            plan.furnish(a, y0, b, y1, 5, (door, y, door, inside))
+            rooms.append((door, inside, y))
     middle = (low + high) / 2
     route = [(1.5, middle)]
     for door, inside, _ in sorted(rooms[:6]):
