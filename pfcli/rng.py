@@ -18,6 +18,8 @@ class Purpose(IntEnum):
     INJECT = 7
     CALIBRATE = 8
     SMOOTH = 9
+    SLIP = 10
+    SETTLED = 11
 
 
 def rng_for(seed: int, purpose: Purpose, stamp_ns: int, k: int = 0) -> np.random.Generator:

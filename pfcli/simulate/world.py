@@ -55,7 +55,13 @@ class _Plan:
             self.segments.append((x1, y1, x2, y2))
 
     def furnish(
-        self, x0: float, y0: float, x1: float, y1: float, pieces: int, way: tuple[float, float, float, float] | None = None
+        self,
+        x0: float,
+        y0: float,
+        x1: float,
+        y1: float,
+        pieces: int,
+        way: tuple[float, float, float, float] | None = None,
     ) -> None:
         """Boxes along the walls of a room, none where a robot drives along `way` (x1, y1, x2, y2; axis-parallel)."""
         while pieces:

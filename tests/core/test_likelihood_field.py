@@ -61,6 +61,10 @@ def test_a_base_is_subtracted_where_the_map_explains_and_never_turns_an_argument
     assert lf.evidence(pose, hit, field, None, base)[0] == pytest.approx(top - 2.0, abs=1e-5)
     assert lf.evidence(pose, miss, field, None, base)[0] == pytest.approx(floor - 1.0, abs=1e-5)
     assert lf.evidence(pose, miss, field, None, np.array([[0.0], [2 * floor]], np.float32))[0] == 0.0
+    more = np.array([[top + 1.0], [0.0]], np.float32)
+    assert lf.evidence(pose, hit, field, None, more)[0] == pytest.approx(-1.0, abs=1e-5)
+    assert lf.evidence(pose, hit, field, None, more, least=0.0)[0] == 0.0
+    assert lf.evidence(pose, miss, field, None, more, least=0.0)[0] == pytest.approx(floor, abs=1e-5)
 
 
 def test_distant_beams_are_blurred_by_what_the_heading_may_be_off() -> None:

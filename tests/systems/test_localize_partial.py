@@ -131,6 +131,60 @@ def test_scans_move_weight_to_the_outside_only_where_that_is_asked_for(assets: A
     assert off.b[1] == pytest.approx(0.2)
 
 
+def _seen_from(x: float, y: float) -> np.ndarray:
+    """End points of a scan of the room's three walls from a pose that looks along x."""
+    across = np.linspace(-1.5, 1.5, 30)
+    rows = [np.stack([across, np.full(30, wall - y)]) for wall in (0.475, 2.525)]
+    return np.concatenate([*rows, np.stack([np.full(30, 0.475 - x), np.linspace(0.6, 2.4, 30) - y])], axis=1)
+
+
+def _explained(margin: float) -> Reading:
+    """That scan from (2.0, 1.5), which the last metres explain as well, but for a margin."""
+    best = likelihood_field.log_ratio(np.zeros(1), MODEL)[0]
+    base = np.stack([np.full(90, best - margin), np.full(90, -1.6)]).astype(np.float32)
+    return _reading(0.0, _seen_from(2.0, 1.5))._replace(base=base)
+
+
+def test_before_the_robot_is_outside_the_odometry_may_have_slipped(assets: Assets) -> None:
+    rng = np.random.default_rng(8)
+    there = np.array([2.0, 1.5, 0.0])
+    poses = there + [0.5, 0.0, 0.15] + 0.02 * rng.standard_normal((300, 3))
+    fixed = assets._replace(initial=Initial("pose"))
+    near = {}
+    for slip in (0.0, 0.02):
+        now = Belief(poses, np.full(300, 3, np.uint8), np.full(300, 1 / 300), np.array([0.0, 0, 0, 1, 0, 0, 0]))
+        for k in range(3):
+            reading = _explained(0.2)._replace(stamp_ns=k)
+            now = corrected.update(
+                now, reading, fixed, Params(slip=slip, frontier_samples=1000, beam_gain=0.3), Draw(0)
+            )
+        close = (np.hypot(*(now.pose - there)[:, :2].T) < 0.1) & (np.abs(now.pose[:, 2]) < 0.05)
+        near[slip] = float(now.weight[close].sum())
+    assert near[0.0] < 0.1
+    assert near[0.02] > 0.8
+
+
+def test_what_map_and_last_metres_both_explain_drives_nobody_out(assets: Assets) -> None:
+    """A robot that turns spreads its particles; the last metres, asked at one pose, would win scan after scan."""
+    rng = np.random.default_rng(9)
+    poses = np.array([2.0, 1.5, 0.0]) + [0.05, 0.05, 0.06] * rng.standard_normal((500, 3))
+    labels, weights = np.full(500, 3, np.uint8), np.full(500, 1 / 500)
+    reading = _explained(0.0)
+    params = Params(beam_gain=0.1)
+    ratios = corrected._log_ratios(poses, labels, reading, assets, params)
+    assert np.log(np.mean(np.exp(ratios))) < 0.0
+    settled = corrected._settled(poses, labels, weights, ratios, reading, assets, params, Draw(0))
+    assert settled is not None
+    assert settled >= 0.0
+    apart = poses + np.where(np.arange(500)[:, None] % 2 == 0, [1.5, 0.0, 0.0], 0.0)
+    same = np.zeros(500)
+    assert corrected._settled(apart, labels, weights, same, reading, assets, params, Draw(0)) is None
+    nothing = reading._replace(ends=np.full((2, 90), 0.2, np.float32))
+    contradicted = corrected._settled(poses, labels, weights, ratios, nothing, assets, params, Draw(0))
+    assert contradicted is not None
+    assert contradicted < settled
+
+
 def test_regrouping_keeps_each_clusters_weight(assets: Assets) -> None:
     rng = np.random.default_rng(6)
     poses, labels = rng.normal(0, 1, (3000, 3)), rng.integers(2, 7, 3000).astype(np.uint8)

@@ -84,7 +84,7 @@ def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) ->
 
 
 @reduction_kernel
-def _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, at):  # type: ignore[no-untyped-def]
+def _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, least, at):  # type: ignore[no-untyped-def]
     """Look up and add: indices first, which vectorises, then the loads."""
     for b in range(at.size):
         x = gx + c * points[0, b] - s * points[1, b]
@@ -96,14 +96,14 @@ def _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, at): 
     for b in range(at.size):
         value = table[np.uint32(at[b])]
         if value > 0.0:
-            total += value - base[0, b] if value < _JUDGED else np.float32(0.0)
+            total += max(least, value - base[0, b]) if value < _JUDGED else np.float32(0.0)
         else:
             total += min(np.float32(0.0), value - base[1, b])
     return total
 
 
 @kernel
-def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, base, out):  # type: ignore[no-untyped-def]
+def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, base, least, out):  # type: ignore[no-untyped-def]
     rows, cols, each = np.float32(shape[0] - 1), np.float32(shape[1] - 1), np.int32(shape[1])
     scale = np.sqrt(frame[0] * frame[0] + frame[3] * frame[3])
     at = np.empty(points.shape[1], np.int32)
@@ -112,7 +112,7 @@ def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, ba
         gy = np.float32(frame[3] * poses[i, 0] + frame[4] * poses[i, 1] + frame[5])
         turn = poses[i, 2] - yaw
         c, s = np.float32(np.cos(turn) * scale), np.float32(np.sin(turn) * scale)
-        out[i] = _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, at)
+        out[i] = _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, np.float32(least), at)
 
 
 def evidence(
@@ -121,12 +121,14 @@ def evidence(
     field: Field,
     level: NDArray[np.int32] | None = None,
     base: NDArray[np.float32] | None = None,
+    least: float = -np.inf,
 ) -> NDArray[np.float64]:
     """Sum of the evidence of the beams for each pose.
 
     poses: (n, 3) in the map frame (m, rad); points: float32 (2, b), end points in the base frame (m); level: int32
     (b,), the field of each beam (None: 0); base: float32 (2, b), evidence that each beam has without the map, for a pose
-    that explains it (row 0) and for one that does not (row 1); it is subtracted (None: 0). Returns (n,).
+    that explains it (row 0) and for one that does not (row 1); it is subtracted (None: 0); least: what a beam that a pose
+    explains counts for at least. Returns (n,).
     """
     if level is None:
         level = np.zeros(points.shape[1], np.int32)
@@ -135,7 +137,6 @@ def evidence(
     out = np.empty(poses.shape[0])
     shape = (field.rows, field.cols)
     shift = level * np.int32(field.rows * field.cols)
-    spread(
-        _evidence_rows, poses.shape[0], poses, points, field.table, field.frame, shape, field.yaw_rad, shift, base, out
-    )
+    frame, yaw = field.frame, field.yaw_rad
+    spread(_evidence_rows, poses.shape[0], poses, points, field.table, frame, shape, yaw, shift, base, least, out)
     return out

@@ -32,7 +32,8 @@ def gather(
     before = np.zeros(poses.shape[0])
     for wider in (2, 1):
         level = np.minimum(reading.level + wider, likelihood_field.LEVELS - 1).astype(np.int32)
-        log = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, reading.base)
+        base = _blurred(reading, level, params)
+        log = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, base)
         weight = weight * np.exp(log - before)
         total = weight.sum()
         poses = poses[systematic.choose(weight, rng.random(), min(keep, poses.shape[0]))]
@@ -40,5 +41,13 @@ def gather(
         sigma = params.sigma_hit_m * 2**wider
         spread = np.array([sigma, sigma, sigma / _ARM_M]) / 4
         poses = poses + spread * rng.standard_normal(poses.shape)
-        before = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, reading.base)
+        before = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, base)
     return poses, weight * np.exp(-before)
+
+
+def _blurred(reading: Reading, level: NDArray[np.int32], params: Params) -> NDArray[np.float32]:
+    """What the last metres explain, blurred as the map is: else no wide match could better it, and misses would win."""
+    model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
+    on = np.zeros(level.size)
+    lost = likelihood_field.log_ratio(on, model, reading.level) - likelihood_field.log_ratio(on, model, level)
+    return np.where(reading.base > 0.0, np.maximum(0.0, reading.base - lost), reading.base).astype(np.float32)

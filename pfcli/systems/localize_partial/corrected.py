@@ -18,6 +18,12 @@ from pfcli.systems.pace import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
+_GIVEN_UP = 1e-3
+"""A class of less mass has been left for long: no slip of this step explains that."""
+_ASKED, _SETTLED_M, _SETTLED_SHARE = 64, 0.5, 0.9
+"""Particles of class 3 that are asked together, and what share of them must lie how near to each other."""
+_MARGIN_LEFT = 0.5
+"""Share of the history's margin that is granted then: the other half stood for the spread."""
 _MOST_AGAINST = 1.0
 """Log evidence that a single scan may hold against the whole map."""
 
@@ -42,7 +48,11 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
         label = np.full(pose.shape[0], 3, np.uint8)
     predicted = kernels.masses(label, weight)
     predicted[1] = b1
-    weight, b1, log_evidence = _weigh(pose, label, weight, b1, reading, assets, params)
+    log_ratio = _log_ratios(pose, label, reading, assets, params)
+    if not reading.first:
+        pose, label, weight, log_ratio = _look_around(pose, label, weight, log_ratio, reading, assets, params, draw)
+    settled = _settled(pose, label, weight, log_ratio, reading, assets, params, draw)
+    weight, b1, log_evidence = _weigh(label, weight, b1, log_ratio, settled, params)
     n_eff = float(1.0 / np.square(weight / weight.sum()).sum()) if weight.sum() > 0 else 0.0
     error = params.kld_error if params.kld else 0.0
     u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
@@ -129,28 +139,100 @@ def _arrive(
     return pose, label, weight, left + lost
 
 
-def _weigh(
+def _log_ratios(
+    pose: NDArray[np.float64], label: NDArray[np.uint8], reading: Reading, assets: Assets, params: Params
+) -> NDArray[np.float64]:
+    """Log likelihood of the scan by particle, as a ratio to the outside; 0 for those outside (eqs (13)-(14))."""
+    inside = in_the_map(label)
+    log_ratio = np.zeros(label.size)
+    if inside.any():
+        poses = pose if inside.all() else pose[inside]
+        evidence = likelihood_field.evidence(poses, reading.ends, assets.field, reading.level, reading.base)
+        log_ratio[inside] = params.beam_gain * evidence
+    return log_ratio
+
+
+def _look_around(
     pose: NDArray[np.float64],
     label: NDArray[np.uint8],
     weight: NDArray[np.float64],
-    b1: float,
+    log_ratio: NDArray[np.float64],
     reading: Reading,
     assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
+    """Where the scan speaks for the outside, the odometry may have slipped instead: gather class 3 in a wider circle."""
+    here = label == 3
+    mass = float(weight[here].sum())
+    if params.slip == 0.0 or mass <= _GIVEN_UP or float(weight[here] @ np.exp(log_ratio[here])) >= mass:
+        return pose, label, weight, log_ratio
+    rng = draw(Purpose.SLIP, reading.stamp_ns)
+    blind = pose[here][systematic.choose(weight[here], rng.random(), params.frontier_samples)]
+    blind = blind + np.array([params.slip_xy_m, params.slip_xy_m, params.slip_yaw_rad]) * rng.standard_normal(
+        blind.shape
+    )
+    found, gathered = anneal.gather(blind, params.slip * mass, blind.shape[0], reading, assets, params, rng)
+    threes = np.full(found.shape[0], 3, np.uint8)
+    return (
+        np.concatenate([pose, found]),
+        np.concatenate([label, threes]),
+        np.concatenate([np.where(here, (1.0 - params.slip) * weight, weight), gathered]),
+        np.concatenate([log_ratio, _log_ratios(found, threes, reading, assets, params)]),
+    )
+
+
+def _settled(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    log_ratio: NDArray[np.float64],
+    reading: Reading,
+    assets: Assets,
+    params: Params,
+    draw: Draw,
+) -> float | None:
+    """Log evidence of class 3 as a whole once it knows where it is; None while it does not.
+
+    The last metres are asked at one pose, the map at many: a cluster would pay for every turn that spreads it, and for
+    what both know the outside would win. Settled, it is asked where it is after the scan, and a beam that map and last
+    metres both explain speaks for nobody.
+    """
+    here = np.flatnonzero(label == 3)
+    if here.size == 0 or not params.outside_likelihood or reading.first:
+        return None
+    after = weight[here] * np.exp(log_ratio[here] - log_ratio[here].max())
+    if after.sum() <= 0.0:
+        return None
+    u = float(draw(Purpose.SETTLED, reading.stamp_ns).random())
+    some = pose[here[systematic.choose(after, u, _ASKED)]]
+    middle = np.median(some[:, :2], axis=0)
+    if np.mean(np.hypot(*(some[:, :2] - middle).T) < _SETTLED_M) < _SETTLED_SHARE:
+        return None
+    base = reading.base.copy()
+    base[0, base[0] > 0.0] += (1.0 - _MARGIN_LEFT) * params.history_margin
+    evidence = likelihood_field.evidence(some, reading.ends, assets.field, reading.level, base, least=0.0)
+    return params.beam_gain * float(evidence.mean())
+
+
+def _weigh(
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    b1: float,
+    log_ratio: NDArray[np.float64],
+    settled: float | None,
     params: Params,
 ) -> tuple[NDArray[np.float64], float, float]:
     """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1."""
     inside = in_the_map(label)
-    log_ratio = np.zeros(label.size)
-    if inside.all():
-        log_ratio = params.beam_gain * likelihood_field.evidence(
-            pose, reading.ends, assets.field, reading.level, reading.base
-        )
-    elif inside.any():
-        evidence = likelihood_field.evidence(pose[inside], reading.ends, assets.field, reading.level, reading.base)
-        log_ratio[inside] = params.beam_gain * evidence
+    if settled is not None:
+        here = label == 3
+        top = float(log_ratio[here].max())
+        mean = top + float(np.log(weight[here] @ np.exp(log_ratio[here] - top) / weight[here].sum()))
+        log_ratio = log_ratio + np.where(here, max(0.0, settled - mean), 0.0)
     if inside.any():
         # one glance at a crowd in front of the robot is no proof that it has left
-        log_ratio[inside] += max(0.0, -_MOST_AGAINST - float(log_ratio[inside].max()))
+        log_ratio = log_ratio + np.where(inside, max(0.0, -_MOST_AGAINST - float(log_ratio[inside].max())), 0.0)
     top = max(0.0, float(log_ratio.max(initial=0.0)))
     if params.outside_likelihood:
         weight = weight * np.exp(log_ratio - top)

@@ -36,6 +36,11 @@ class Params:
     kidnap_per_m: Annotated[
         float, Opt("share of the belief that may be anywhere else after a metre; 0 never", "1/m", 0, 1)
     ] = 0.001
+    slip: Annotated[
+        float, Opt("probability that a step's odometry is wrong, where the scan says that something is", "", 0, 0.5)
+    ] = 0.02
+    slip_xy_m: Annotated[float, Opt("how far off it is then (standard deviation)", "m", 0, 10)] = 0.3
+    slip_yaw_rad: Annotated[float, Opt("the same of the heading", "rad", 0, 3.2)] = 0.2
     model_unknown: Annotated[bool, Opt("beams that end in unknown cells say nothing")] = True
     kld: Annotated[bool, Opt("as many particles per cluster as its spread needs")] = True
     kld_error: Annotated[float, Opt("Kullback-Leibler distance that the particles may lose", "", 1e-3, 1)] = 0.01
