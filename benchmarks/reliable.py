@@ -9,10 +9,12 @@ farther than 0.2 m from every mapped surface.
 
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import plain_mcl
 import worlds
 from scipy.stats import rankdata
 
@@ -45,26 +47,16 @@ def simulated(name: str, world_seed: int, seed: int) -> Path:
     return path
 
 
-class Judged:
-    """One run against truth, per update."""
+class Poses:
+    """What a filter said at its updates, against truth: stamps (ns), poses, p(success) or what stands for it."""
 
-    def __init__(self, log: Path, map_file: Path, seed: int, initial: Initial, **params: Any) -> None:
-        began = time.perf_counter()
-        job = run.Job(SYSTEM, build(SYSTEM.params, params, "b"), [log], seed, map=map_file, initial=initial)
-        done = run.execute(job)
-        self.seconds = time.perf_counter() - began
+    def __init__(self, log: Path, stamps: np.ndarray, pose: np.ndarray, p: np.ndarray) -> None:
         truth = {e.stamp_ns: np.array(e[1:4]) for e in Log(log).events(["truth"])}
-        rows = parquet.columns_of(done.infos, SYSTEM.info)
-        at = done.result.track.columns["update"]
-        self.stamps = np.asarray(rows["t_ns"])
-        self.pose = done.result.track.poses[at]
-        self.truth = np.array([truth[t] for t in self.stamps.tolist()])
-        self.error = np.hypot(*(self.pose - self.truth)[:, :2].T)
-        self.good = (self.error <= 0.25) & (np.abs(wrap(self.pose[:, 2] - self.truth[:, 2])) <= np.radians(5))
-        self.p, self.bound = np.asarray(rows["p_success"]), np.asarray(rows["protection_m"])
-        self.loop = done.seconds["loop"] / len(done.infos)
-        carried = np.flatnonzero(np.hypot(*np.diff(self.truth[:, :2], axis=0).T) > 1.0) + 1
-        self.kidnapped = carried
+        self.stamps, self.pose, self.p = stamps, pose, p
+        self.truth = np.array([truth[t] for t in stamps.tolist()])
+        self.error = np.hypot(*(pose - self.truth)[:, :2].T)
+        self.good = (self.error <= 0.25) & (np.abs(wrap(pose[:, 2] - self.truth[:, 2])) <= np.radians(5))
+        self.kidnapped = np.flatnonzero(np.hypot(*np.diff(self.truth[:, :2], axis=0).T) > 1.0) + 1
 
     def after(self, k: int) -> tuple[float, float]:
         """Seconds until kidnapping k is noticed, and until the pose is right again."""
@@ -83,6 +75,21 @@ class Judged:
         return np.asarray(out)
 
 
+class Judged(Poses):
+    """One run of localize-reliable."""
+
+    def __init__(self, log: Path, map_file: Path, seed: int, initial: Initial, **params: Any) -> None:
+        began = time.perf_counter()
+        job = run.Job(SYSTEM, build(SYSTEM.params, params, "b"), [log], seed, map=map_file, initial=initial)
+        done = run.execute(job)
+        self.seconds = time.perf_counter() - began
+        rows = parquet.columns_of(done.infos, SYSTEM.info)
+        at = done.result.track.columns["update"]
+        super().__init__(log, np.asarray(rows["t_ns"]), done.result.track.poses[at], np.asarray(rows["p_success"]))
+        self.bound = np.asarray(rows["protection_m"])
+        self.loop = done.seconds["loop"] / len(done.infos)
+
+
 def auroc(good: np.ndarray, p: np.ndarray) -> float:
     """Area under the curve; NaN where there is one class only."""
     ones, zeros = good.sum(), (~good).sum()
@@ -90,14 +97,30 @@ def auroc(good: np.ndarray, p: np.ndarray) -> float:
 
 
 def kidnappings(logs: int) -> None:
-    runs = [Judged(log, log.with_suffix(".yaml"), k, Initial("inside")) for k, log in enumerate(kidnap_logs(logs))]
     print("| filter | kidnappings | noticed: median, 95 % [s] | right again: median, 95 %, worst [s] | AUROC | Brier |")
     print("|---|---|---|---|---|---|")
+    files = kidnap_logs(logs)
+    _carried(
+        "localize-reliable", [Judged(f, f.with_suffix(".yaml"), k, Initial("inside")) for k, f in enumerate(files)]
+    )
+    _carried("augmented MCL, 5000 particles", [augmented(f, k, 5000) for k, f in enumerate(files)])
+
+
+def augmented(log: Path, seed: int, particles: int) -> Poses:
+    """An augmented MCL as AMCL configures it; it notices when more than a tenth of its particles are drawn anywhere."""
+    grid = map_yaml.read(log.with_suffix(".yaml"))
+    mcl = plain_mcl.AugmentedMcl(grid, plain_mcl.anywhere(grid, particles, np.random.default_rng(seed)), seed)
+    rows = [(stamp, 0.6 - mcl.surprise, pose) for stamp, _, pose in plain_mcl.drive(mcl, log)]
+    stamps, p, poses = zip(*rows, strict=True)
+    return Poses(log, np.array(stamps), np.array(poses), np.array(p))
+
+
+def _carried(name: str, runs: Sequence[Poses]) -> None:
     pairs = np.array([r.after(k) for r in runs for k in range(r.kidnapped.size)])
     noticed, right = (np.sort(pairs[:, k]) for k in (0, 1))
     good, p = np.concatenate([r.good for r in runs]), np.concatenate([r.p for r in runs])
     print(
-        f"| localize-reliable | {len(pairs)} | {at(noticed, 0.5):.1f}, {at(noticed, 0.95):.1f} |"
+        f"| {name} | {len(pairs)} | {at(noticed, 0.5):.1f}, {at(noticed, 0.95):.1f} |"
         f" {at(right, 0.5):.1f}, {at(right, 0.95):.1f}, {right[-1]:.1f} | {auroc(good, p):.3f} |"
         f" {np.mean((p - good) ** 2):.4f} |",
         flush=True,

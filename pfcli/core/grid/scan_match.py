@@ -36,7 +36,7 @@ class Matcher(NamedTuple):
     sigma_m: float = 0.03
     wide_m: float = 0.3
     gain: float = 0.3
-    tangent: float = 0.005
+    tangent: float = 0.01
     z_rand: float = 0.05
     z_unknown: float = 0.3
     iterations: int = 20
