@@ -141,7 +141,7 @@ def _seen_from(x: float, y: float) -> np.ndarray:
 def _explained(margin: float) -> Reading:
     """That scan from (2.0, 1.5), which the last metres explain as well, but for a margin."""
     best = likelihood_field.log_ratio(np.zeros(1), MODEL)[0]
-    base = np.stack([np.full(90, best - margin), np.full(90, -1.6)]).astype(np.float32)
+    base = np.full((2, 90), best - margin, np.float32)
     return _reading(0.0, _seen_from(2.0, 1.5))._replace(base=base)
 
 

@@ -49,9 +49,10 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
     predicted = kernels.masses(label, weight)
     predicted[1] = b1
     log_ratio = _log_ratios(pose, label, reading, assets, params)
-    if not reading.first:
-        pose, label, weight, log_ratio = _look_around(pose, label, weight, log_ratio, reading, assets, params, draw)
     settled = _settled(pose, label, weight, log_ratio, reading, assets, params, draw)
+    if not reading.first and (settled is None or settled < 0.0):
+        pose, label, weight, log_ratio = _look_around(pose, label, weight, log_ratio, reading, assets, params, draw)
+        settled = _settled(pose, label, weight, log_ratio, reading, assets, params, draw)
     weight, b1, log_evidence = _weigh(label, weight, b1, log_ratio, settled, params)
     n_eff = float(1.0 / np.square(weight / weight.sum()).sum()) if weight.sum() > 0 else 0.0
     error = params.kld_error if params.kld else 0.0
