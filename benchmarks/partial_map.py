@@ -83,15 +83,19 @@ def true_classes(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
     return found
 
 
+def truth_at(stamps: NDArray[np.int64], log: Path, map_file: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """True poses at the stamps, and whether they lie in the map."""
+    truth = list(Log(log).events(["truth"]))
+    there = metrics.interpolate(stamps, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth]))
+    grid = map_yaml.read(map_file)
+    return there, places(region_of(grid.cells, grid.resolution_m, grid.origin), there[:, :2]) != 0
+
+
 def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
     """Compare every update with the truth."""
     rows = parquet.columns_of(done.infos, system("localize-partial").info)
     stamps = np.asarray(rows["t_ns"])
-    truth = list(Log(log).events(["truth"]))
-    there = metrics.interpolate(stamps, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth]))
-    grid = map_yaml.read(map_file)
-    region = region_of(grid.cells, grid.resolution_m, grid.origin)
-    inside = places(region, there[:, :2]) != 0
+    there, inside = truth_at(stamps, log, map_file)
     index = np.searchsorted(done.result.track.stamps_ns, stamps)
     poses = done.result.track.poses[index]
     b = np.stack([np.asarray(rows[f"b{k}"]) for k in range(1, 7)], 1)
@@ -194,21 +198,19 @@ def plain(seeds: int, particles: int = 2000) -> None:
         for seed in range(seeds):
             log, map_file = log_of(name, seed)
             grid, rng = map_yaml.read(map_file), np.random.default_rng(seed)
-            truth = list(Log(log).events(["truth"]))
-            stamps, true = np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
-            region = region_of(grid.cells, grid.resolution_m, grid.origin)
+            first = next(iter(Log(log).events(["truth"])))
+            start, known = truth_at(np.array([first.stamp_ns]), log, map_file)
             poses = plain_mcl.anywhere(grid, particles, rng)
-            if places(region, true[:1, :2])[0]:
-                poses = true[0] + rng.normal(0, [0.1, 0.1, 0.05], (particles, 3))
+            if known[0]:
+                poses = start[0] + rng.normal(0, [0.1, 0.1, 0.05], (particles, 3))
             rows = list(plain_mcl.drive(plain_mcl.PlainMcl(grid, poses, seed), log))
             late = np.array([way for _, way, _ in rows]) >= SETTLED_M
             if not late.any():
                 continue
             found = np.array([pose for _, _, pose in rows])
-            there = metrics.interpolate(np.array([t for t, _, _ in rows]), stamps, true)
+            there, inside = truth_at(np.array([t for t, _, _ in rows]), log, map_file)
             right = np.hypot(*(found - there)[:, :2].T) < RIGHT_M
             right &= np.abs(metrics.wrap(found[:, 2] - there[:, 2])) < RIGHT_RAD
-            inside = places(region, there[:, :2]) != 0
             shares.append((inside[late].mean(), right[late & inside].mean() if (late & inside).any() else np.nan))
         print(f"| {name} | {np.mean([s[0] for s in shares]):.3f} | {np.mean([s[1] for s in shares]):.3f} |", flush=True)
 
@@ -229,7 +231,7 @@ def _row(name: str, scores: list[Score], ms: float) -> str:
 
 
 def main(seeds: int = 10, *variants: str) -> None:
-    """Both variants."""
+    """Both variants, and a plain MCL."""
     for variant in variants or ("corrected", "paper", "plain"):
         if variant == "plain":
             plain(seeds)

@@ -173,14 +173,16 @@ def test_what_map_and_last_metres_both_explain_drives_nobody_out(assets: Assets)
     params = Params(beam_gain=0.1)
     ratios = corrected._log_ratios(poses, labels, reading, assets, params)
     assert np.log(np.mean(np.exp(ratios))) < 0.0
-    settled = corrected._settled(poses, labels, weights, ratios, reading, assets, params, Draw(0))
+    here = corrected.Cloud(poses, labels, weights, ratios)
+    settled = corrected._settled(here, reading, assets, params, Draw(0))
     assert settled is not None
     assert settled >= 0.0
     apart = poses + np.where(np.arange(500)[:, None] % 2 == 0, [1.5, 0.0, 0.0], 0.0)
-    same = np.zeros(500)
-    assert corrected._settled(apart, labels, weights, same, reading, assets, params, Draw(0)) is None
+    assert (
+        corrected._settled(here._replace(pose=apart, log_ratio=np.zeros(500)), reading, assets, params, Draw(0)) is None
+    )
     nothing = reading._replace(ends=np.full((2, 90), 0.2, np.float32))
-    contradicted = corrected._settled(poses, labels, weights, ratios, nothing, assets, params, Draw(0))
+    contradicted = corrected._settled(here, nothing, assets, params, Draw(0))
     assert contradicted is not None
     assert contradicted < settled
 

@@ -4,6 +4,8 @@ In the paper's order: particles move and change class (section 2), those who may
 (definition 1), the scan weighs particles and classes (eqs (13)-(23)), each cluster is resampled on its own.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,15 @@ _MOST_AGAINST = 1.0
 """Log evidence that a single scan may hold against the whole map."""
 
 
+class Cloud(NamedTuple):
+    """pose (n, 3), class (n,) and weight (n,) of particles; log_ratio (n,), log likelihood of the scan over that outside."""
+
+    pose: NDArray[np.float64]
+    label: NDArray[np.uint8]
+    weight: NDArray[np.float64]
+    log_ratio: NDArray[np.float64]
+
+
 def update(belief: Belief, reading: Reading, assets: Assets, params: Params, draw: Draw) -> Belief:
     """Predict, enter, weigh, regroup."""
     moved, stamp_ns = reading.moved, reading.stamp_ns
@@ -48,12 +59,13 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
         label = np.full(pose.shape[0], 3, np.uint8)
     predicted = kernels.masses(label, weight)
     predicted[1] = b1
-    log_ratio = _log_ratios(pose, label, reading, assets, params)
-    settled = _settled(pose, label, weight, log_ratio, reading, assets, params, draw)
+    cloud = Cloud(pose, label, weight, _log_ratios(pose, label, reading, assets, params))
+    settled = _settled(cloud, reading, assets, params, draw)
     if not reading.first and (settled is None or settled < 0.0):
-        pose, label, weight, log_ratio = _look_around(pose, label, weight, log_ratio, reading, assets, params, draw)
-        settled = _settled(pose, label, weight, log_ratio, reading, assets, params, draw)
-    weight, b1, log_evidence = _weigh(label, weight, b1, log_ratio, settled, params)
+        cloud = _look_around(cloud, reading, assets, params, draw)
+        settled = _settled(cloud, reading, assets, params, draw)
+    pose, label = cloud.pose, cloud.label
+    weight, b1, log_evidence = _weigh(cloud, b1, settled, params)
     n_eff = float(1.0 / np.square(weight / weight.sum()).sum()) if weight.sum() > 0 else 0.0
     error = params.kld_error if params.kld else 0.0
     u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
@@ -153,21 +165,13 @@ def _log_ratios(
     return log_ratio
 
 
-def _look_around(
-    pose: NDArray[np.float64],
-    label: NDArray[np.uint8],
-    weight: NDArray[np.float64],
-    log_ratio: NDArray[np.float64],
-    reading: Reading,
-    assets: Assets,
-    params: Params,
-    draw: Draw,
-) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
+def _look_around(cloud: Cloud, reading: Reading, assets: Assets, params: Params, draw: Draw) -> Cloud:
     """Where the scan speaks for the outside, the odometry may have slipped instead: gather class 3 in a wider circle."""
+    pose, label, weight, log_ratio = cloud
     here = label == 3
     mass = float(weight[here].sum())
     if params.slip == 0.0 or mass <= _GIVEN_UP or float(weight[here] @ np.exp(log_ratio[here])) >= mass:
-        return pose, label, weight, log_ratio
+        return cloud
     rng = draw(Purpose.SLIP, reading.stamp_ns)
     blind = pose[here][systematic.choose(weight[here], rng.random(), params.frontier_samples)]
     blind = blind + np.array([params.slip_xy_m, params.slip_xy_m, params.slip_yaw_rad]) * rng.standard_normal(
@@ -175,7 +179,7 @@ def _look_around(
     )
     found, gathered = anneal.gather(blind, params.slip * mass, blind.shape[0], reading, assets, params, rng)
     threes = np.full(found.shape[0], 3, np.uint8)
-    return (
+    return Cloud(
         np.concatenate([pose, found]),
         np.concatenate([label, threes]),
         np.concatenate([np.where(here, (1.0 - params.slip) * weight, weight), gathered]),
@@ -183,22 +187,14 @@ def _look_around(
     )
 
 
-def _settled(
-    pose: NDArray[np.float64],
-    label: NDArray[np.uint8],
-    weight: NDArray[np.float64],
-    log_ratio: NDArray[np.float64],
-    reading: Reading,
-    assets: Assets,
-    params: Params,
-    draw: Draw,
-) -> float | None:
+def _settled(cloud: Cloud, reading: Reading, assets: Assets, params: Params, draw: Draw) -> float | None:
     """Log evidence of class 3 as a whole once it knows where it is; None while it does not.
 
     The last metres are asked at one pose, the map at many: a cluster would pay for every turn that spreads it, and for
     what both know the outside would win. Settled, it is asked where it is after the scan, and a beam that map and last
     metres both explain speaks for nobody.
     """
+    pose, label, weight, log_ratio = cloud
     here = np.flatnonzero(label == 3)
     if here.size == 0 or not params.outside_likelihood or reading.first:
         return None
@@ -216,15 +212,9 @@ def _settled(
     return params.beam_gain * float(evidence.mean())
 
 
-def _weigh(
-    label: NDArray[np.uint8],
-    weight: NDArray[np.float64],
-    b1: float,
-    log_ratio: NDArray[np.float64],
-    settled: float | None,
-    params: Params,
-) -> tuple[NDArray[np.float64], float, float]:
+def _weigh(cloud: Cloud, b1: float, settled: float | None, params: Params) -> tuple[NDArray[np.float64], float, float]:
     """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1."""
+    _, label, weight, log_ratio = cloud
     inside = in_the_map(label)
     if settled is not None:
         here = label == 3
