@@ -100,7 +100,7 @@ NOISE = {
     "motion_xy_per_root_m": 0.0274,
     "motion_xy_m": 0.002,
     "motion_yaw_per_root_m": 0.0036,
-    "motion_yaw_per_root_rad": 0.02,
+    "motion_yaw_per_root_rad": 0.008,
     "motion_yaw_rad": 0.0003,
     "motion_across_share": 0.05,
     "motion_pivot_m": 4.0,

@@ -11,14 +11,18 @@ from pfcli.core.geometry import between, compose
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import heading
 from pfcli.core.sensor.range_beams import Beams, Model
-from pfcli.core.weights import normalize
+from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.systems.localize_lookup.beams import Assets, evidence, expected_m, model_of
 from pfcli.systems.localize_lookup.params import Params
 
 _MOST, _CHUNK, _FEW_BEAMS = 2_000_000, 4096, 12
 _HALF_MODE_RAD = 0.15
-_ARM_M = 5.0
-"""Distance at which a jitter of the heading moves an end point as far as that of the position."""
+_WIDEST = 8.0
+"""Spread of hits at the first look by the distance between places: posteriors are narrower than spreads."""
+_FIRST_SHARE, _STEP_SHARE, _HALVINGS = 0.25, 0.5, 6
+"""Effective particles, by their number, after the first look and after each narrower one."""
+_MOVES, _MOVE = 4, np.array([0.4, 0.4, 0.4 / 5.0])
+"""Moves after each, by the spread of hits: end points 5 m off move as far by the heading as by the position."""
 
 
 class Scattered(NamedTuple):
@@ -47,30 +51,33 @@ def anywhere(beams: Beams, assets: Assets, params: Params, rng: np.random.Genera
     places = params.particles
     if corrected and params.headings == "match":
         places = int(min(max(places, area * params.start_density_per_m2), _MOST))
-    # places drawn at random lie so far apart: the reading fits the nearest no better than that
-    sigma_m = math.hypot(params.sigma_hit_m, math.sqrt(area / places)) if corrected else params.sigma_hit_m
     drawn = particles.uniform(assets.start_xy, grid.resolution_m / 2, places, rng, initial.heading)
     if params.headings == "random":
         log_w = evidence(drawn, beams, assets, model_of(params, beams, assets, params.sigma_hit_m))
         return Scattered(drawn, log_w, normalize(log_w)[1] - math.log(places))
-    poses, log_w = _matched(drawn[:, :2], beams, sigma_m, assets, params, rng)
     if not corrected:
-        return Scattered(poses, log_w, 0.0)
-    _, log_sum = normalize(log_w)
-    poses, log_w = _narrow(poses, log_w, sigma_m, beams, assets, params, rng)
-    return Scattered(poses, log_w, log_sum - math.log(places * params.bins))
+        poses, _ = _matched(drawn[:, :2], beams, params.sigma_hit_m, assets, params, rng)
+        return Scattered(
+            poses, evidence(poses, beams, assets, model_of(params, beams, assets, params.sigma_hit_m)), 0.0
+        )
+    # a fit that is no narrower than some of these lets several places stand for each that fits
+    widest_m = math.hypot(params.sigma_hit_m, _WIDEST * math.sqrt(area / places))
+    poses, log_over = _matched(drawn[:, :2], beams, 2.0 * widest_m, assets, params, rng)
+    poses, log_sum = _narrowed(poses, log_over, widest_m, beams, assets, params, rng)
+    return Scattered(poses, np.zeros(poses.shape[0]), log_sum - math.log(places * params.bins))
 
 
 def _matched(
     xy: NDArray[np.float64], beams: Beams, sigma_m: float, assets: Assets, params: Params, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Headings of the first sensor at places (n, 2), and what they weigh: the best one with its likelihood as printed,
-    or some drawn from p(theta | x, y, c) with the marginal as weight."""
+    """Robots whose first sensor stands at places (n, 2) with headings that fit, and log of prior by density of the draw, both
+    per bin: the best heading as printed, or one from each of some modes."""
     model = model_of(params, beams, assets, sigma_m)
     to_base = between(beams.mounts[:1], np.zeros((1, 3)))
-    prior = _heading_prior(beams, assets, params)
+    turn = 2 * math.pi / params.bins * np.arange(params.bins)
+    prior = _heading_prior(turn + assets.grid.origin.yaw_rad - beams.mounts[0, 2], assets)
     half = max(1, round(_HALF_MODE_RAD / (2 * math.pi) * params.bins))
-    poses, log_w = [], []
+    poses, log_over = [], []
     for low in range(0, xy.shape[0], _CHUNK):
         chunk = xy[low : low + _CHUNK]
         log_p = _all_headings(chunk, beams, model, sigma_m, assets, params) + prior
@@ -82,11 +89,9 @@ def _matched(
             place, bin_, mass, top = heading.modes(log_p, params.modes, half, u)
             width = mass - top
         yaw = bin_ * (2 * math.pi / params.bins) + assets.grid.origin.yaw_rad
-        base = compose(np.column_stack([chunk[place], yaw]), to_base)
-        poses.append(base)
-        asked = prior[np.rint(bin_).astype(np.int64) % params.bins]
-        log_w.append(width + asked + evidence(base, beams, assets, model))
-    return np.concatenate(poses), np.concatenate(log_w)
+        poses.append(compose(np.column_stack([chunk[place], yaw]), to_base))
+        log_over.append(width + prior[np.rint(bin_).astype(np.int64) % params.bins])
+    return np.concatenate(poses), np.concatenate(log_over)
 
 
 def _all_headings(
@@ -108,33 +113,60 @@ def _all_headings(
     return np.asarray(log_p)
 
 
-def _heading_prior(beams: Beams, assets: Assets, params: Params) -> NDArray[np.float64]:
-    """(bins,) log of `--heading-prior` for the first sensor looking along each bin, 0 where there is none."""
+def _heading_prior(yaw: NDArray[np.float64], assets: Assets) -> NDArray[np.float64]:
+    """Log of `--heading-prior` for robots that look along yaw (n,), 0 where there is none."""
     if assets.initial.heading is None:
-        return np.zeros(params.bins)
+        return np.zeros(yaw.size)
     mean, sd = assets.initial.heading
-    yaw = 2 * math.pi / params.bins * np.arange(params.bins) + assets.grid.origin.yaw_rad
-    off = np.remainder(yaw - beams.mounts[0, 2] - mean + math.pi, 2 * math.pi) - math.pi
+    off = np.remainder(yaw - mean + math.pi, 2 * math.pi) - math.pi
     return np.asarray(-0.5 * (off / sd) ** 2)
 
 
-def _narrow(
+def _narrowed(
     poses: NDArray[np.float64],
     log_w: NDArray[np.float64],
-    sigma_m: float,
+    widest_m: float,
     beams: Beams,
     assets: Assets,
     params: Params,
     rng: np.random.Generator,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Down to the particles' number and the reading's own spread, in steps of two (an SMC sampler, Del Moral 2006)."""
+) -> tuple[NDArray[np.float64], float]:
+    """From drawn poses (m, 3), weighed by their prior, to as many as there are particles, drawn from what the reading says
+    of them; and the log of the sum of prior times evidence.
+
+    An SMC sampler (Del Moral 2006): the spread of hits shrinks to the reading's own in steps that keep half of the effective
+    particles, and after each the particles move within what it says (Metropolis).
+    """
+
+    def fit(poses: NDArray[np.float64], sigma_m: float) -> NDArray[np.float64]:
+        return evidence(poses, beams, assets, model_of(params, beams, assets, sigma_m))
+
+    def narrowest(base: NDArray[np.float64], high: float, n_eff: float) -> float:
+        """The smallest spread whose weights leave so many effective particles."""
+        low = params.sigma_hit_m
+        if effective_sample_size(normalize(base + fit(poses, low))[0]) >= n_eff:
+            return low
+        for _ in range(_HALVINGS):
+            middle = math.sqrt(low * high)
+            enough = effective_sample_size(normalize(base + fit(poses, middle))[0]) >= n_eff
+            low, high = (low, middle) if enough else (middle, high)
+        return high
+
+    n, log_sum = params.particles, 0.0
+    sigma_m = narrowest(log_w, widest_m, _FIRST_SHARE * n)
+    log_w = log_w + fit(poses, sigma_m)
     while True:
-        weights, _ = normalize(log_w)
-        poses = poses[systematic.choose(weights, rng.random(), params.particles)]
-        jitter = 0.5 * sigma_m * np.array([1.0, 1.0, 1.0 / _ARM_M])
-        poses = poses + jitter * rng.standard_normal(poses.shape)
-        wide = evidence(poses, beams, assets, model_of(params, beams, assets, sigma_m))
+        weights, log_mean = normalize(log_w)
+        log_sum += log_mean
+        poses = poses[systematic.choose(weights, rng.random(), n)]
+        log_p = fit(poses, sigma_m)
+        for _ in range(_MOVES):
+            moved = poses + sigma_m * _MOVE * rng.standard_normal(poses.shape)
+            log_moved = fit(moved, sigma_m)
+            asked = _heading_prior(moved[:, 2], assets) - _heading_prior(poses[:, 2], assets)
+            taken = np.log(rng.random(n)) < log_moved - log_p + asked
+            poses, log_p = np.where(taken[:, None], moved, poses), np.where(taken, log_moved, log_p)
         if sigma_m <= params.sigma_hit_m:
-            return poses, np.zeros(poses.shape[0])
-        sigma_m = max(params.sigma_hit_m, sigma_m / 2)
-        log_w = evidence(poses, beams, assets, model_of(params, beams, assets, sigma_m)) - wide
+            return poses, log_sum
+        sigma_m = narrowest(-log_p, sigma_m, _STEP_SHARE * n)
+        log_w = fit(poses, sigma_m) - log_p - math.log(n)
