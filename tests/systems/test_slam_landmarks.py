@@ -54,6 +54,16 @@ def test_a_lap_is_tracked_and_all_landmarks_in_range_are_found(log: Path, given:
     assert abs(ran.result.summary["landmarks"] - len(seen)) <= (4 if given.get("association") == "unknown" else 0)
 
 
+def test_what_is_not_known_of_the_pose_is_said(log: Path) -> None:
+    """Normalised squared errors average 2. Those of one drive hang together and leave room to both sides; particles that were
+    resampled to a few ancestors, and nothing else, say 9-15 here, and hundreds on longer drives."""
+    ran = played(log)
+    assert ran.errors is not None
+    nees = ran.errors.normalised(ran.result.track.columns)
+    assert nees is not None
+    assert 0.05 < np.nanmean(nees[25:]) < 4.0
+
+
 def test_the_smoothed_track_is_better_and_known_landmarks_are_better_still(log: Path) -> None:
     rough, smoothed = off(played(log, rejuvenate_steps=0)), off(played(log, smooth=True))
     known = played(log, landmark_map=str(log.with_name("log-landmarks.csv")))
@@ -234,6 +244,7 @@ def test_draws_of_the_track_have_the_spread_of_its_errors() -> None:
         log, true, marks = problem(seed)
         found = smooth.solve(log, true, marks, draws=200, rng=np.random.default_rng(seed))
         cov = np.cov(found.draws[:, -1].T)
+        assert np.diag(cov) == pytest.approx(np.diag(found.end_cov), rel=5 * math.sqrt(2 / 100))
         e = found.track[-1] - true[-1]
         squares.append(e @ np.linalg.solve(cov, e))
     assert 2.0 < np.mean(squares) < 4.5

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate, landmark_store
-from pfcli.core.geometry import between, wrap
+from pfcli.core.geometry import between, compose, wrap
 from pfcli.core.landmark_store import FIELDS, Store
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.errors import LogError, UsageError
@@ -57,6 +57,15 @@ class Assets(NamedTuple):
     places: dict[str, tuple[float, float]]
 
 
+class Anchor(NamedTuple):
+    """Where the particles were drawn anew last: pose (3,) and covariance (3, 3) by the least squares; shift (n, 3): the motion
+    that takes that pose to where each particle, or its ancestor, was drawn."""
+
+    pose: NDArray[np.float64]
+    cov: NDArray[np.float64]
+    shift: NDArray[np.float64]
+
+
 class State(NamedTuple):
     """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
     odometry (1, 3) and way and turn at the last observation; since: observations since the particles were drawn anew; recent:
@@ -64,6 +73,7 @@ class State(NamedTuple):
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
+    anchor: Anchor
     store: Store
     columns: NDArray[np.int64]
     names: dict[str, int]
@@ -103,6 +113,7 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
     return State(
         np.tile(np.array(first.odometry, float), (n, 1)),
         np.full(n, -np.log(n)),
+        _unmoved(n),
         store,
         columns,
         names,
@@ -119,6 +130,11 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
         FrameKeeper(),
         0,
     )
+
+
+def _unmoved(n: int) -> Anchor:
+    """All particles are what they were drawn from."""
+    return Anchor(np.zeros(3), np.zeros((3, 3)), np.zeros((n, 3)))
 
 
 def _known(assets: Assets, n: int) -> tuple[Store, dict[str, int]]:
@@ -203,19 +219,19 @@ def _conclude(
     """Report; then draw the particles anew from the whole past, or resample."""
     weights, log_evidence = normalize(state.log_w)
     state = state._replace(log_w=state.log_w - log_evidence)
-    found = estimate.whole(state.pose, weights)
-    state.track.update(found.pose, found.cov)
     best = int(np.argmax(weights))
     marks = landmark_store.landmarks(state.store, best)
     n_eff = float(effective_sample_size(weights))
-    state.frames.offer(sighting.stamp_ns, found.pose, state.pose, view.points_m)
     since = state.since + 1
     fresh = bool(params.rejuvenate_steps and since >= params.rejuvenate_steps)
     ancestors = np.arange(state.pose.shape[0])
     resample = not fresh and n_eff < params.resample_threshold * state.pose.shape[0]
     if fresh:
         state = _rejuvenate(state, best, assets, params, draw, sighting.stamp_ns)
-    elif resample:
+    found = _estimate(state)
+    state.track.update(found.pose, found.cov)
+    state.frames.offer(sighting.stamp_ns, found.pose, state.pose, view.points_m)
+    if resample:
         ancestors = ancestors_of(weights, params, draw, sighting.stamp_ns)
         state = _chosen(state, ancestors, weights, params, draw, sighting.stamp_ns)
     info = Info(
@@ -235,6 +251,19 @@ def _conclude(
     return state._replace(since=0 if fresh else since), info
 
 
+def _estimate(state: State) -> estimate.PoseEstimate:
+    """Mean and covariance of the pose.
+
+    A few particles that are resampled at every second observation soon share an ancestor, whose world was drawn off the
+    mean: each particle is taken back by what its own was off, and what is not known of that is the least squares'.
+    """
+    anchor, weights = state.anchor, normalize(state.log_w)[0]
+    found = estimate.whole(between(anchor.shift, state.pose), weights)
+    dx, dy, _ = found.pose - anchor.pose
+    moved = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+    return found._replace(cov=found.cov + moved @ anchor.cov @ moved.T)
+
+
 def _chosen(
     state: State, ancestors: NDArray[np.int64], weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int
 ) -> State:
@@ -244,6 +273,7 @@ def _chosen(
     return state._replace(
         pose=dispersed(state.pose, ancestors, weights, params, draw, stamp_ns),
         log_w=np.full(n, -np.log(n)),
+        anchor=state.anchor._replace(shift=state.anchor.shift[ancestors]),
         store=landmark_store.choose(state.store, ancestors),
         columns=state.columns[ancestors],
         resamplings=state.resamplings + 1,
@@ -255,8 +285,12 @@ def _rejuvenate(state: State, best: int, assets: Assets, params: Params, draw: D
     n, rng = params.particles, draw(Purpose.PROPOSAL, stamp_ns)
     marks = landmark_store.landmarks(state.store, best)
     anew = history.drawn_anew(state.history, best, marks, state.scales, _options(assets, params), n, rng)
+    anchor = _unmoved(n)
+    if not assets.places:  # known landmarks tell more of the pose all the time
+        anchor = Anchor(anew.mean, anew.cov, compose(anew.pose, between(anew.mean[None], np.zeros((1, 3)))))
     return state._replace(
         pose=anew.pose,
+        anchor=anchor,
         log_w=np.full(n, -np.log(n)),
         store=state.store if anew.marks is None else landmark_store.of_particles(anew.marks, n),
         columns=np.full(n, state.columns[best]),

@@ -87,10 +87,12 @@ def of_particle(history: History, i: int, marks: NDArray[np.float64]) -> Past:
 
 
 class Anew(NamedTuple):
-    """Particles drawn anew: pose (n, 3), landmarks (n, l, FIELDS) that belong to their tracks (None where they are fixed), their
-    history, and the scales of `smooth.Solution`."""
+    """Particles drawn anew: pose (n, 3) and what it is drawn from, its mean (3,) and covariance (3, 3); landmarks (n, l, FIELDS)
+    that belong to their tracks (None where they are fixed), their history, and the scales of `smooth.Solution`."""
 
     pose: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    cov: NDArray[np.float64]
     marks: NDArray[np.float64] | None
     history: History
     scales: NDArray[np.float64]
@@ -110,9 +112,9 @@ def drawn_anew(
     found = smooth.solve(past.log, past.track, past.places, scales, options, draws=n, rng=rng)
     column = [c[None] for c in past.taken]
     fresh = history._replace(column=column, settled=found.draws, pose=[], parents=[])
-    pose = found.draws[:, -1].copy()
+    pose = found.draws[:, -1].copy(), found.track[-1].copy(), found.end_cov
     if options.fixed:
-        return Anew(pose, None, fresh, found.scales)
+        return Anew(*pose, None, fresh, found.scales)
     given = np.zeros((n, int(past.columns.max()) + 1, FIELDS))
     given[:, past.columns] = smooth.given_tracks(found.draws, found.marks, found.scales, past.log)
-    return Anew(pose, given, fresh, found.scales)
+    return Anew(*pose, given, fresh, found.scales)

@@ -47,13 +47,15 @@ SLAM = Options()
 
 
 class Solution(NamedTuple):
-    """track (t, 3), marks (l, 2), scales (4,), see `corrected`; draws (n, t, 3) of the track; cost: sum of robust squares."""
+    """track (t, 3), marks (l, 2), scales (4,), see `corrected`; draws (n, t, 3) of the track; cost: sum of robust squares;
+    end_cov (3, 3) of the last pose."""
 
     track: NDArray[np.float64]
     marks: NDArray[np.float64]
     scales: NDArray[np.float64]
     draws: NDArray[np.float64]
     cost: float
+    end_cov: NDArray[np.float64]
 
 
 def no_scales() -> NDArray[np.float64]:
@@ -195,7 +197,11 @@ def solve(
         moves = solved(noise)
         both = np.concatenate([moves, -moves], axis=1)[:, :draws]
         drawn = np.stack([_moved(now, both[:, k], pattern)[0] for k in range(draws)])
-    return Solution(*now, drawn, _cost(*now, log))
+    end = np.arange(pattern.marks - 3, pattern.marks)
+    unit = np.zeros((pattern.size, 3))
+    unit[end, range(3)] = 1.0
+    end_cov = solved(unit)[end] if n else np.zeros((3, 3))
+    return Solution(*now, drawn, _cost(*now, log), end_cov)
 
 
 def _factored(normal: sparse.csc_matrix, sparse_size: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
