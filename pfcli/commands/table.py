@@ -14,6 +14,7 @@ from pfcli.errors import LogError
 @click.argument("map_file", metavar="MAP", type=click.Path(path_type=Path))
 @click.option("--bins", type=click.IntRange(72, 720), default=None, help="Directions per turn.  (default: 360)")
 @click.option("--table-range-m", type=Finite(0.1, 1000), default=None, help="Longest ray [m].  (default: 30)")
+@click.option("--veil-m", type=Finite(0, 10), default=None, help="As of localize-lookup [m].  (default: 0.3)")
 @click.option(
     "--check", type=click.IntRange(0, 10_000_000), default=0, help="Compare so many random rays with exact ones."
 )
@@ -24,6 +25,7 @@ def table(
     map_file: Path,
     bins: int | None,
     table_range_m: float | None,
+    veil_m: float | None,
     check: int,
     max_map_mpx: float,
     force: bool,
@@ -39,8 +41,9 @@ def table(
 
     defaults = registry.params_class("localize-lookup")()
     bins, range_m = bins or defaults.bins, table_range_m or defaults.table_range_m
+    veil_m = defaults.veil_m if veil_m is None else veil_m
     grid = map_yaml.read(map_file, max_map_mpx)
-    seen = grid._replace(cells=raycast.unveiled(grid.cells, grid.resolution_m, defaults.veil_m))
+    seen = grid._replace(cells=raycast.unveiled(grid.cells, grid.resolution_m, veil_m))
     if not (grid.cells == 0).any() or not (grid.cells == 1).any():
         raise LogError(f"{map_file}: has no free cells or no occupied ones, so no range can be expected of it")
     began = time.perf_counter()

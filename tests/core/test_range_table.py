@@ -173,3 +173,18 @@ def test_walls_are_as_thick_as_they_are_drawn() -> None:
     assert raycast.wall_thickness_m(thin, 0.1) == pytest.approx(0.1)
     assert raycast.wall_thickness_m(thick, 0.1) == pytest.approx(0.4)
     assert raycast.wall_thickness_m(np.zeros((5, 5), np.int8), 0.1) == pytest.approx(0.1)
+
+
+def test_unknown_specks_are_looked_through_and_unknown_rooms_are_not() -> None:
+    cells = np.full((80, 80), -1, np.int8)
+    cells[10:70, 10:70] = 0
+    cells[10:70, 69] = 1
+    cells[30:50, 30:50] = -1  # a square metre
+    cells[15:17, 12:60] = -1  # a gap of 0.1 m
+    seen = raycast.unveiled(cells, 0.05, 0.3)
+    assert (seen[15:17, 12:60] == 0).all()
+    assert (seen[35:45, 35:45] == -1).all()
+    assert (seen[30:40, 70:75] == 0).all()
+    assert (seen[:, 78:] == -1).all()
+    assert (seen[cells != -1] == cells[cells != -1]).all()
+    assert (raycast.unveiled(cells, 0.05, 0.0) == cells).all()

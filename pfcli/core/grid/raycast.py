@@ -1,5 +1,7 @@
 """Exact ray casting on a grid: from cell to cell, in strides as long as the free square around each cell allows."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -23,9 +25,13 @@ def clearance(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
 
 
 def unveiled(cells: NDArray[np.int8], resolution_m: float, veil_m: float) -> NDArray[np.int8]:
-    """The map with unknown cells within veil_m of an occupied one made free, so that rays reach the wall behind them."""
-    near = (cells == -1) & (distance_m(cells == 1, resolution_m) <= veil_m)
-    return np.where(near, 0, cells).astype(np.int8)
+    """The map with unknown cells made free where rays have only missed them: within veil_m of an occupied cell, and in gaps of
+    what is known that are no wider than twice that (the morphological closing)."""
+    known, pad = cells != -1, 2 * math.ceil(veil_m / resolution_m) + 2
+    grown = distance_m(np.pad(known, pad), resolution_m) <= veil_m
+    closed = (distance_m(~grown, resolution_m) > veil_m)[pad:-pad, pad:-pad]
+    near = distance_m(cells == 1, resolution_m) <= veil_m
+    return np.where(~known & (near | closed), 0, cells).astype(np.int8)
 
 
 def wall_thickness_m(cells: NDArray[np.int8], resolution_m: float, most_m: float = 0.5) -> float:

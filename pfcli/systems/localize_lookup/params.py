@@ -38,7 +38,12 @@ class Params:
     ] = 2048.0
     veil_m: Annotated[
         float,
-        Opt("unknown cells so near to a wall are looked through: maps have such gaps before their walls", "m", 0, 10),
+        Opt(
+            "unknown cells so near to a wall, or in gaps of the map no wider than twice that, are looked through",
+            "m",
+            0,
+            10,
+        ),
     ] = 0.3
     update_distance_m: Annotated[float, Opt("a reading updates the filter after this way", "m", 0, 100)] = 0.1
     update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.1
