@@ -98,11 +98,11 @@ def places(world: LandmarkWorld) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 NOISE = {
     "motion_xy_per_root_m": 0.0274,
-    "motion_xy_m": 0.0,
+    "motion_xy_m": 0.001,
     "motion_yaw_per_root_m": 0.0036,
     "motion_yaw_per_root_rad": 0.0075,
-    "motion_yaw_rad": 0.0,
-    "motion_across_share": 0.05,
+    "motion_yaw_rad": 0.0001,
+    "motion_across_share": 0.01,
     "motion_pivot_m": 4.0,
 }
 """Parameters of `slam-gdr --landmarks` for this car: 0.3 m/s and 3 degrees each 25 ms (in a turn, the speed's noise turns it

@@ -162,10 +162,20 @@ def test_jacobians_of_the_smoother_are_the_differences(options: smooth.Options) 
         assert np.allclose((ahead - back) / 2e-6, jacobian[:, k], atol=1e-4, rtol=1e-5), k
 
 
-def test_two_short_steps_are_as_uncertain_as_a_long_one() -> None:
-    params = Params(motion_xy_m=1e-6, motion_yaw_rad=1e-6)
-    short, long = slam_filter._spread(0.5, 0.1, params), slam_filter._spread(1.0, 0.2, params)
-    assert np.allclose(np.sqrt(2.0) * short[:3], long[:3], rtol=1e-6)
+@pytest.mark.parametrize("pivot_m", [0.0, 4.0])
+def test_two_short_steps_are_as_uncertain_as_a_long_one(pivot_m: float) -> None:
+    """Covariances of along, across and yaw; what was turned in the first step moves the second across."""
+    params = Params(motion_xy_m=1e-6, motion_yaw_rad=1e-6, motion_pivot_m=pivot_m)
+
+    def cov(way: float) -> np.ndarray:
+        along, across, yaw, behind = slam_filter._spread(way, 0.0, params)
+        own = np.diag(np.square([along, across, yaw]))
+        lever = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, behind], [0.0, 0.0, 1.0]])
+        return lever @ own @ lever.T
+
+    # the axle behind goes the same way: what counts is how far the second step carries its pose
+    carried = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]])
+    assert np.allclose(carried @ cov(3.0) @ carried.T + cov(3.0), cov(6.0), rtol=1e-6, atol=1e-9)
 
 
 def replayed(tmp_path: Path, frames: list[list[tuple[str, float, float]]], **given: Any) -> run.Run:

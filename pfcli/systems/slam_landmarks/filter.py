@@ -199,12 +199,17 @@ def _observe(
 
 
 def _spread(way: float, turn: float, params: Params) -> NDArray[np.float64]:
-    """(4,) along, across (m), of turning (rad), and how far behind (m) its errors turn about. Variances grow with way and
-    turn, so that a step is as uncertain as its parts together, however rarely something is seen."""
+    """(4,) along, across (m), of turning (rad), and how far behind (m) its errors turn about.
+
+    Variances grow with way and turn, so that a step is as uncertain as its parts together, however rarely something is seen.
+    Turning errors add up along the way: on the average they are about its middle, and across it they leave what parts turned
+    at different times.
+    """
     along = math.sqrt(params.motion_xy_m**2 + params.motion_xy_per_root_m**2 * way)
     turning = params.motion_yaw_per_root_m**2 * way + params.motion_yaw_per_root_rad**2 * turn
     yaw = math.sqrt(params.motion_yaw_rad**2 + turning)
-    return np.array([along, params.motion_across_share * along, yaw, params.motion_pivot_m])
+    across = math.hypot(params.motion_across_share * along, way * yaw / math.sqrt(12.0))
+    return np.array([along, across, yaw, params.motion_pivot_m + way / 2.0])
 
 
 def _conclude(
