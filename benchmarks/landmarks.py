@@ -38,7 +38,7 @@ FILTERS: dict[str, dict[str, Any]] = {
     "FastSLAM 1.0": {"proposal": "fastslam1", "rejuvenate_steps": 0, "resampler": "systematic"},
     "FastSLAM 2.0": {"rejuvenate_steps": 0, "resampler": "systematic"},
     "FastSLAM 2.0, GDR": {"rejuvenate_steps": 0},
-    "drawn anew every 25": {},
+    "drawn anew every 10": {},
     "FastSLAM 2.0, GDR, smoothed": {"rejuvenate_steps": 0, "smooth": True},
 }
 CLAM: dict[str, Any] = {

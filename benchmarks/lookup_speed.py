@@ -6,15 +6,16 @@ python benchmarks/lookup_speed.py
 import statistics
 import time
 from collections.abc import Callable
+from typing import Any
 
 import lookup_world
 import numpy as np
 import worlds
 
 from pfcli.core.grid.raycast import clearance
-from pfcli.core.jit import kernel
+from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.sensor import range_beams
-from pfcli.core.threads import set_threads
+from pfcli.core.threads import set_threads, spread
 from pfcli.formats import map_yaml, range_table_file
 from pfcli.params import build
 from pfcli.rng import Draw
@@ -31,24 +32,56 @@ def timed(work: Callable[[], object], repeats: int = 25) -> float:
     return statistics.median(taken)
 
 
+@inline_kernel
+def _walk(cells, x, y, ux, uy, reach):  # type: ignore[no-untyped-def]
+    """The textbook ray: cell by cell (Amanatides and Woo 1987); range in cells, infinite where nothing is hit."""
+    ix, iy = int(x), int(y)
+    sx, sy = (1 if ux > 0 else -1), (1 if uy > 0 else -1)
+    dx, dy = abs(1.0 / ux), abs(1.0 / uy)
+    tx = ((ix + 1 if ux > 0 else ix) - x) / ux
+    ty = ((iy + 1 if uy > 0 else iy) - y) / uy
+    t = 0.0
+    while t < reach and 0 <= ix < cells.shape[1] and 0 <= iy < cells.shape[0]:
+        if cells[iy, ix] == 1:
+            return t
+        if tx < ty:
+            t, tx, ix = tx, tx + dx, ix + sx
+        else:
+            t, ty, iy = ty, ty + dy, iy + sy
+    return np.inf
+
+
 @kernel
 def walk(cells, x, y, turn, reach):  # type: ignore[no-untyped-def]
-    """The textbook ray: cell by cell (Amanatides and Woo 1987)."""
     out = np.empty(x.size)
     for k in range(x.size):
-        ux, uy = np.cos(turn[k]), np.sin(turn[k])
-        ix, iy = int(x[k]), int(y[k])
-        sx, sy = (1 if ux > 0 else -1), (1 if uy > 0 else -1)
-        dx, dy = abs(1.0 / ux), abs(1.0 / uy)
-        tx = ((ix + 1 if ux > 0 else ix) - x[k]) / ux
-        ty = ((iy + 1 if uy > 0 else iy) - y[k]) / uy
-        t = 0.0
-        while t < reach and 0 <= ix < cells.shape[1] and 0 <= iy < cells.shape[0] and cells[iy, ix] != 1:
-            if tx < ty:
-                t, tx, ix = tx, tx + dx, ix + sx
-            else:
-                t, ty, iy = ty, ty + dy, iy + sy
-        out[k] = t
+        out[k] = _walk(cells, x[k], y[k], np.cos(turn[k]), np.sin(turn[k]), reach)
+    return out
+
+
+@kernel
+def _walked_rows(low, high, poses, beams, cells, frame, yaw, score, steps, gain, wall_m, reach, out):  # type: ignore[no-untyped-def]
+    mounts, start, _, unit, z = beams
+    cell_m = 1.0 / np.hypot(frame[0], frame[3])
+    for i in range(low, high):
+        total = 0.0
+        for j in range(mounts.shape[0]):
+            x, y, heading = range_beams._sensor(poses[i], mounts[j], frame, yaw)
+            c, s = np.cos(heading), np.sin(heading)
+            for b in range(start[j], start[j + 1]):
+                r = _walk(cells, x, y, c * unit[0, b] - s * unit[1, b], s * unit[0, b] + c * unit[1, b], reach / cell_m)
+                d = z[b] - np.float32(r * cell_m if r < np.inf else 0.0)
+                d -= min(max(d, np.float32(0.0)), wall_m)
+                total += score[range_beams._slot(d, wall_m, True, r < np.inf, z[b], steps, np.int32(score.size))]
+        out[i] = gain * total
+
+
+def walked(poses: np.ndarray, beams: Any, rays: Any, model: Any) -> np.ndarray:
+    """`range_beams.from_rays` with textbook rays."""
+    out = np.empty(poses.shape[0])
+    score, steps, gain, _, wall_m, _ = range_beams._packed(model)
+    places = (rays.cells, rays.frame, rays.yaw_rad, score, steps, gain, wall_m, rays.range_m)
+    spread(_walked_rows, poses.shape[0], poses, tuple(beams), *places, out)
     return out
 
 
@@ -91,20 +124,28 @@ def whole() -> None:
     """Whole updates on the office drive, 180 beams."""
     world = lookup_world.World("office", "scan")
     print("whole updates on the office drive, 3500 particles x 180 beams, both cores:")
-    taken = {}
-    for name in ("table", "rays"):
-        params = build(lookup_world.LOOKUP.params, {"ranges": name, "beams": 180}, "b")
-        assets, draw, state, seconds = lookup_world.load(world, params), Draw(0), None, []
-        for reading in world.readings[:300]:
-            if state is None:
-                state = lookup_world.LOOKUP.init(params, assets, reading, draw)
-            began = time.perf_counter()
-            state, info = lookup_world.LOOKUP.step(state, reading, assets, params, draw)
-            if info is not None:
-                seconds.append(time.perf_counter() - began)
-        taken[name] = statistics.median(seconds[5:])
-        print(f"  {name}: {taken[name] * 1e3:.2f} ms")
-    print(f"  ratio {taken['rays'] / taken['table']:.1f}")
+    strided = range_beams.from_rays
+    table = updates(world, "table")
+    print(f"  table: {table * 1e3:.2f} ms")
+    for label, rays in (("in strides", strided), ("cell by cell", walked)):
+        range_beams.from_rays = rays
+        cast = updates(world, "rays")
+        print(f"  rays on line, {label}: {cast * 1e3:.2f} ms, ratio {cast / table:.1f}")
+    range_beams.from_rays = strided
+
+
+def updates(world: lookup_world.World, ranges: str) -> float:
+    """Median seconds of an update."""
+    params = build(lookup_world.LOOKUP.params, {"ranges": ranges, "beams": 180}, "b")
+    assets, draw, state, seconds = lookup_world.load(world, params), Draw(0), None, []
+    for reading in world.readings[:300]:
+        if state is None:
+            state = lookup_world.LOOKUP.init(params, assets, reading, draw)
+        began = time.perf_counter()
+        state, info = lookup_world.LOOKUP.step(state, reading, assets, params, draw)
+        if info is not None:
+            seconds.append(time.perf_counter() - began)
+    return statistics.median(seconds[5:])
 
 
 if __name__ == "__main__":

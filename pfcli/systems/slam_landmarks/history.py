@@ -5,13 +5,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.geometry import between, compose
 from pfcli.core.landmark_store import FIELDS
 from pfcli.systems.slam_landmarks import smooth
 
 
 class History(NamedTuple):
     """By observation: step and its spread, detections (z, sd), and columns (n, m), or (1, m) where all agree, that each particle
-    took for them. Tracks: `settled` (n, t, 3) of the particles that were drawn anew last; since then poses (n, 3) of each
+    took for them. Tracks: `settled` (n, t, 3) of the particles that were drawn anew last, around the `middle` (t, 3), where the
+    landmarks of the columns `named` (l,) were at `places` (l, 2); since then poses (n, 3) of each
     observation and, where particles were resampled after it, their parents (n,)."""
 
     step: list[NDArray[np.float64]]
@@ -20,6 +22,9 @@ class History(NamedTuple):
     sd: list[NDArray[np.float64]]
     column: list[NDArray[np.int32]]
     settled: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    named: NDArray[np.int64]
+    places: NDArray[np.float64]
     pose: list[NDArray[np.float64]]
     parents: list[NDArray[np.int64] | None]
 
@@ -37,7 +42,9 @@ class Past(NamedTuple):
 
 def empty() -> History:
     """Nothing driven, nothing seen."""
-    return History([], [], [], [], [], np.empty((1, 0, 3)), [], [])
+    return History(
+        [], [], [], [], [], np.empty((1, 0, 3)), np.empty((0, 3)), np.empty(0, np.int64), np.empty((0, 2)), [], []
+    )
 
 
 def record(
@@ -109,12 +116,28 @@ def drawn_anew(
 ) -> Anew:
     """n particles from the posterior of the whole track near particle `best`, whose landmarks are marks (l, FIELDS)."""
     past = of_particle(history, best, marks)
-    found = smooth.solve(past.log, past.track, past.places, scales, options, draws=n, rng=rng)
+    track, places = _from_the_middle(history, past)
+    found = smooth.solve(past.log, track, places, scales, options, draws=n, rng=rng)
     column = [c[None] for c in past.taken]
     fresh = history._replace(column=column, settled=found.draws, pose=[], parents=[])
+    fresh = fresh._replace(middle=found.track, named=past.columns, places=found.marks)
     pose = found.draws[:, -1].copy(), found.track[-1].copy(), found.end_cov
     if options.fixed:
         return Anew(*pose, None, fresh, found.scales)
     given = np.zeros((n, int(past.columns.max()) + 1, FIELDS))
     given[:, past.columns] = smooth.given_tracks(found.draws, found.marks, found.scales, past.log)
     return Anew(*pose, given, fresh, found.scales)
+
+
+def _from_the_middle(history: History, past: Past) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The particle's track and landmarks as if its past were the middle that it was drawn around: less is left to be solved."""
+    done = history.middle.shape[0]
+    if done == 0:
+        return past.track, past.places
+    end, drawn = history.middle[-1:], past.track[done - 1 : done]
+    moved = compose(end, between(drawn, past.track[done:]))
+    flat = np.column_stack([past.places, np.zeros(past.columns.size)])
+    places = compose(end, between(drawn, flat))[:, :2]
+    old, at = np.isin(past.columns, history.named), np.isin(history.named, past.columns)
+    places[old] = history.places[at]
+    return np.concatenate([history.middle, moved]), places

@@ -59,7 +59,7 @@ class Params:
             0,
             1_000_000,
         ),
-    ] = 25
+    ] = 10
     smooth: Annotated[bool, Opt("the track that is most probable afterwards, with its landmarks")] = False
     calibrate: Annotated[
         bool, Opt("learn how far the scales of ranges, ways and turns are off, whenever particles are drawn anew")
