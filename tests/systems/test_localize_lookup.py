@@ -11,6 +11,7 @@ import pytest
 from pfcli.core.resample import multinomial
 from pfcli.core.sensor import range_beams
 from pfcli.core.weights import normalize
+from pfcli.errors import UsageError
 from pfcli.events import Pose2, Ranges, Scan, Sounding, Sweep
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
@@ -20,6 +21,7 @@ from pfcli.simulate.world import WORLDS, rasterize
 from pfcli.systems.localize_lookup import start
 from pfcli.systems.localize_lookup.beams import Assets, beams_of, evidence, model_of
 from pfcli.systems.localize_lookup.params import Params
+from pfcli.systems.localize_reliable.params import Params as ReliableParams
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
@@ -122,6 +124,32 @@ def test_the_evidence_of_a_robot_that_may_be_anywhere_is_the_mean_over_all_poses
     poses = np.column_stack([xy, rng.uniform(-np.pi, np.pi, len(xy))])
     brute = np.log(np.mean(np.exp(evidence(poses, beams, assets, model_of(params, beams, assets, 0.1)))))
     assert found.log_evidence == pytest.approx(brute, abs=0.25)
+
+
+def test_equal_rooms_stay_equally_probable(tmp_path: Path) -> None:
+    """Four rooms that a scan cannot tell apart: a quarter each, within what 3 500 particles of an SMC sampler scatter (0.06)."""
+    map_yaml.write(tmp_path, rasterize(WORLDS["four-rooms-same"](1), 0.05))
+    assets, params = _assets(tmp_path / "map.yaml", Initial("inside"), bins=180, start_density_per_m2=0.0)
+    alike = [TRUE, TRUE + np.array([6.0, 0.0, 0.0])]
+    alike += [np.array([12.0, 10.0, np.pi]) + pose * [-1, -1, 1] for pose in alike]
+    beams = beams_of(_sweep(assets, TRUE), params)
+    shares = []
+    for seed in range(4):
+        found = start.anywhere(beams, assets, params, np.random.default_rng(seed))
+        weights = normalize(found.log_w)[0]
+        shares.append([weights[_off(found.pose, pose) < 0.4].sum() for pose in alike])
+    assert np.sum(shares, axis=1) == pytest.approx(1.0, abs=0.1)
+    assert (np.abs(np.array(shares) - 0.25) < 0.24).all()  # 4 sigma; drawn at random they are 0 and 1
+    assert np.std(shares) < 0.12
+
+
+def test_shares_of_beams_that_are_more_than_all_are_refused() -> None:
+    for name, params in (
+        ("localize-lookup", Params(z_hit=0.9, z_short=0.9)),
+        ("localize-reliable", ReliableParams(z_hit=0.9, z_rand=0.2)),
+    ):
+        with pytest.raises(UsageError, match="--z-hit"):
+            system(name).load(params, None)
 
 
 def test_beams_that_bring_nothing_back_are_left_out_unless_asked_for(map_file: Path) -> None:

@@ -71,7 +71,10 @@ class State(NamedTuple):
 
 
 def load(params: Params, job: Any) -> Assets:
-    """Read the map and its table. Raises LogError where nobody could stand in it, UsageError for a start outside."""
+    """Read the map and its table. Raises LogError where nobody could stand in it, UsageError for a start outside or shares of
+    beams that are more than all."""
+    if params.z_hit + params.z_short + params.z_none >= 1.0:
+        raise UsageError("--z-hit, --z-short and --z-none must leave something of 1 for beams that read anything")
     grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:

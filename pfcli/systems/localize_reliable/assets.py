@@ -37,7 +37,10 @@ class Assets(NamedTuple):
 
 
 def load(params: Params, job: Any) -> Assets:
-    """Read the map. Raises LogError where nobody could stand in it, UsageError for a start outside."""
+    """Read the map. Raises LogError where nobody could stand in it, UsageError for a start outside or shares of beams that are
+    more than all."""
+    if params.z_hit + params.z_rand > 1.0 + 1e-9:
+        raise UsageError("--z-hit and --z-rand must not exceed 1 together")
     grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:
