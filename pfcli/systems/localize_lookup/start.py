@@ -19,8 +19,8 @@ _MOST, _CHUNK, _FEW_BEAMS = 2_000_000, 4096, 12
 _HALF_MODE_RAD = 0.15
 _WIDEST = 8.0
 """Spread of hits at the first look by the distance between places: posteriors are narrower than spreads."""
-_FIRST_SHARE, _STEP_SHARE, _HALVINGS = 0.25, 0.5, 6
-"""Effective particles, by their number, after the first look and after each narrower one."""
+_FIRST_SHARE, _STEP_SHARE, _HALVINGS, _LEAST_STEP = 0.25, 0.5, 6, 0.9
+"""Effective particles, by their number, after the first look and after each narrower one, by a tenth at the least."""
 _MOVES, _MOVE = 4, np.array([0.4, 0.4, 0.4 / 5.0])
 """Moves after each, by the spread of hits: end points 5 m off move as far by the heading as by the position."""
 
@@ -64,7 +64,8 @@ def anywhere(beams: Beams, assets: Assets, params: Params, rng: np.random.Genera
     widest_m = math.hypot(params.sigma_hit_m, _WIDEST * math.sqrt(area / places))
     poses, log_over = _matched(drawn[:, :2], beams, 2.0 * widest_m, assets, params, rng)
     poses, log_sum = _narrowed(poses, log_over, widest_m, beams, assets, params, rng)
-    return Scattered(poses, np.zeros(poses.shape[0]), log_sum - math.log(places * params.bins))
+    log_evidence = log_sum - math.log(places * params.bins)
+    return Scattered(poses, np.full(poses.shape[0], log_evidence - math.log(poses.shape[0])), log_evidence)
 
 
 def _matched(
@@ -143,16 +144,16 @@ def _narrowed(
 
     def narrowest(base: NDArray[np.float64], high: float, n_eff: float) -> float:
         """The smallest spread whose weights leave so many effective particles."""
-        low = params.sigma_hit_m
+        low, least = params.sigma_hit_m, _LEAST_STEP * high
         if effective_sample_size(normalize(base + fit(poses, low))[0]) >= n_eff:
             return low
         for _ in range(_HALVINGS):
             middle = math.sqrt(low * high)
             enough = effective_sample_size(normalize(base + fit(poses, middle))[0]) >= n_eff
             low, high = (low, middle) if enough else (middle, high)
-        return high
+        return min(high, max(least, params.sigma_hit_m))
 
-    n, log_sum = params.particles, 0.0
+    n, log_sum, allowed = params.particles, 0.0, _cells(assets)
     sigma_m = narrowest(log_w, widest_m, _FIRST_SHARE * n)
     log_w = log_w + fit(poses, sigma_m)
     while True:
@@ -165,8 +166,31 @@ def _narrowed(
             log_moved = fit(moved, sigma_m)
             asked = _heading_prior(moved[:, 2], assets) - _heading_prior(poses[:, 2], assets)
             taken = np.log(rng.random(n)) < log_moved - log_p + asked
+            taken &= _at(compose(moved, beams.mounts[:1]), allowed, assets)
             poses, log_p = np.where(taken[:, None], moved, poses), np.where(taken, log_moved, log_p)
         if sigma_m <= params.sigma_hit_m:
             return poses, log_sum
         sigma_m = narrowest(-log_p, sigma_m, _STEP_SHARE * n)
         log_w = fit(poses, sigma_m) - log_p - math.log(n)
+
+
+def _cells(assets: Assets) -> NDArray[np.bool_]:
+    """(rows, cols) cells in which the first sensor may stand at the start."""
+    allowed = np.zeros(assets.grid.cells.shape, np.bool_)
+    column, row = _places(assets.start_xy, assets)
+    allowed[row, column] = True
+    return allowed
+
+
+def _at(poses: NDArray[np.float64], allowed: NDArray[np.bool_], assets: Assets) -> NDArray[np.bool_]:
+    """(n,) which of the poses (n, 3) stand in allowed cells."""
+    column, row = _places(poses[:, :2], assets)
+    on = (column >= 0) & (row >= 0) & (column < allowed.shape[1]) & (row < allowed.shape[0])
+    return np.asarray(on & allowed[np.where(on, row, 0), np.where(on, column, 0)])
+
+
+def _places(xy: NDArray[np.float64], assets: Assets) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Column and row (n,) of the cells that places (n, 2) lie in."""
+    f = assets.rays.frame
+    across, up = f[0] * xy[:, 0] + f[1] * xy[:, 1] + f[2], f[3] * xy[:, 0] + f[4] * xy[:, 1] + f[5]
+    return np.floor(across).astype(np.int64), np.floor(up).astype(np.int64)

@@ -68,8 +68,9 @@ class Anchor(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
-    odometry (1, 3) and way and turn at the last observation; since: observations since the particles were drawn anew; recent:
-    what was seen before the start; loss: what was left out; scales of `smooth.corrected`; what the end needs."""
+    seen_at (columns,): the observation that saw it last, -1 for none; odometry (1, 3) and way and turn at the last observation;
+    since: observations since the particles were drawn anew; recent: what was seen before the start; loss: what was left out;
+    scales of `smooth.corrected`; what the end needs."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -77,6 +78,7 @@ class State(NamedTuple):
     store: Store
     columns: NDArray[np.int64]
     names: dict[str, int]
+    seen_at: NDArray[np.int64]
     odometry: NDArray[np.float64]
     travelled: tuple[float, float]
     way_m: float
@@ -117,6 +119,7 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
         store,
         columns,
         names,
+        np.empty(0, np.int64),
         np.array([first.odometry]),
         first.travelled,
         0.0,
@@ -186,6 +189,8 @@ def _observe(
     way, turn = travelled
     # what was driven to and fro between two observations is noise as well
     sd = _spread(max(way, float(np.hypot(moved[0], moved[1]))), max(turn, abs(moved[2])), params)
+    if moved[0] < 0.0:  # backwards, the middle of the way is ahead
+        sd[3] -= 2.0 * (sd[3] - params.motion_pivot_m)
     seen, step = smooth.corrected(view.z, moved, state.scales)
     z = draw(Purpose.MOTION, stamp_ns).standard_normal(pose.shape)
     log_false = math.log(params.false_share / (2.0 * math.pi * params.landmark_range_m))
@@ -228,7 +233,9 @@ def _conclude(
     marks = landmark_store.landmarks(state.store, best)
     n_eff = float(effective_sample_size(weights))
     since = state.since + 1
-    fresh = bool(params.rejuvenate_steps and since >= params.rejuvenate_steps)
+    state, back = _looked(state, used[min(best, used.shape[0] - 1)], params.rejuvenate_steps)
+    due = since >= params.rejuvenate_steps or (back and not assets.places)
+    fresh = bool(params.rejuvenate_steps and due)
     ancestors = np.arange(state.pose.shape[0])
     resample = not fresh and n_eff < params.resample_threshold * state.pose.shape[0]
     if fresh:
@@ -254,6 +261,16 @@ def _conclude(
         way_m=state.way_m,
     )
     return state._replace(since=0 if fresh else since), info
+
+
+def _looked(state: State, used: NDArray[np.int32], steps: int) -> tuple[State, bool]:
+    """Take note of the columns seen; whether one of them comes back after more than so many observations."""
+    seen, now = used[used >= 0], len(state.history.z)
+    fresh = np.full(max(0, int(seen.max(initial=-1)) + 1 - state.seen_at.size), -1)
+    seen_at = np.concatenate([state.seen_at, fresh])
+    back = bool(((seen_at[seen] >= 0) & (now - seen_at[seen] > steps)).any())
+    seen_at[seen] = now
+    return state._replace(seen_at=seen_at), back
 
 
 def _estimate(state: State) -> estimate.PoseEstimate:

@@ -124,8 +124,9 @@ def drawn_anew(
     pose = found.draws[:, -1].copy(), found.track[-1].copy(), found.end_cov
     if options.fixed:
         return Anew(*pose, None, fresh, found.scales)
-    given = np.zeros((n, int(past.columns.max()) + 1, FIELDS))
+    given = np.zeros((n, int(past.columns.max(initial=-1)) + 1, FIELDS))
     given[:, past.columns] = smooth.given_tracks(found.draws, found.marks, found.scales, past.log)
+    given[:, past.columns, 6] = marks[past.columns, 6]
     return Anew(*pose, given, fresh, found.scales)
 
 

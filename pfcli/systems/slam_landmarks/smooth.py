@@ -197,10 +197,11 @@ def solve(
         moves = solved(noise)
         both = np.concatenate([moves, -moves], axis=1)[:, :draws]
         drawn = np.stack([_moved(now, both[:, k], pattern)[0] for k in range(draws)])
-    end = np.arange(pattern.marks - 3, pattern.marks)
-    unit = np.zeros((pattern.size, 3))
-    unit[end, range(3)] = 1.0
-    end_cov = solved(unit)[end] if n else np.zeros((3, 3))
+    end_cov = np.zeros((3, 3))
+    if pattern.marks:  # a first pose that is given is known
+        end, unit = np.arange(pattern.marks - 3, pattern.marks), np.zeros((pattern.size, 3))
+        unit[end, range(3)] = 1.0
+        end_cov = solved(unit)[end]
     return Solution(*now, drawn, _cost(*now, log), end_cov)
 
 
