@@ -203,6 +203,18 @@ def test_what_cannot_be_is_left_out_counted_and_named(tmp_path: Path) -> None:
     assert once.loss.counts == {"landmarks seen once": 1}
 
 
+@pytest.mark.parametrize("steps", [1, 3, 10])
+def test_particles_drawn_anew_remember_what_speaks_against_a_landmark(tmp_path: Path, steps: int) -> None:
+    """A first observation of a single landmark, one that is dropped as the particles are drawn anew, and one that is seen a few
+    times and then missed for long."""
+    replayed(tmp_path, [[("a", 5.0, 0.0)], [("a", 5.0, 0.0)]], rejuvenate_steps=steps)
+    given = {"association": "unknown", "spurious_m": 10.0, "rejuvenate_steps": steps, "particles": 5}
+    replayed(tmp_path, [[("", 5.0, 0.0)], [("", 5.45, 0.0)], [("", 5.45, 0.0)]], **given)
+    still = [("", 4.0, 0.5), ("", 6.0, -0.6)]
+    ran = replayed(tmp_path, [[*still, ("", 3.0, 0.0)]] * 8 + [still] * 60, **given)
+    assert ran.result.summary["landmarks"] == 2
+
+
 def test_a_landmark_that_moves_is_named_and_does_not_carry_the_robot_away(tmp_path: Path) -> None:
     still = [("a", 2.0, 0.1), ("b", 3.0, -0.4), ("c", 4.0, 0.9)]
     ran = replayed(tmp_path, [[*still, ("walker", 2.0 + 0.2 * k, 0.6 - 0.05 * k)] for k in range(25)])
