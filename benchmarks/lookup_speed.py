@@ -60,8 +60,9 @@ def walk(cells, x, y, turn, reach):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _walked_rows(low, high, poses, beams, cells, frame, yaw, score, steps, gain, wall_m, reach, out):  # type: ignore[no-untyped-def]
+def _walked_rows(low, high, poses, beams, cells, frame, yaw, model, reach, out):  # type: ignore[no-untyped-def]
     mounts, start, _, unit, z = beams
+    score, steps, gain, _, wall_m, _ = model
     cell_m = 1.0 / np.hypot(frame[0], frame[3])
     for i in range(low, high):
         total = 0.0
@@ -79,8 +80,7 @@ def _walked_rows(low, high, poses, beams, cells, frame, yaw, score, steps, gain,
 def walked(poses: np.ndarray, beams: Any, rays: Any, model: Any) -> np.ndarray:
     """`range_beams.from_rays` with textbook rays."""
     out = np.empty(poses.shape[0])
-    score, steps, gain, _, wall_m, _ = range_beams._packed(model)
-    places = (rays.cells, rays.frame, rays.yaw_rad, score, steps, gain, wall_m, rays.range_m)
+    places = (rays.cells, rays.frame, rays.yaw_rad, range_beams._packed(model), rays.range_m)
     spread(_walked_rows, poses.shape[0], poses, tuple(beams), *places, out)
     return out
 

@@ -101,14 +101,26 @@ def crosses_wall(place, frame, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _places(place, frame, xy):  # type: ignore[no-untyped-def]
+def places_at(place, frame, xy):  # type: ignore[no-untyped-def]
+    """What `place_at` says of each point (n, 2)."""
     out = np.empty(xy.shape[0], np.uint8)
     for i in range(xy.shape[0]):
         out[i] = place_at(place, frame, xy[i, 0], xy[i, 1])
     return out
 
 
+@kernel
+def only(shape, frame, xy):  # type: ignore[no-untyped-def]
+    """uint8 of this shape, INSIDE in the cells that hold the points (n, 2) of the grid, OUTSIDE elsewhere."""
+    out = np.zeros(shape, np.uint8)
+    for i in range(xy.shape[0]):
+        ix = int(np.floor(frame[0] * xy[i, 0] + frame[1] * xy[i, 1] + frame[2]))
+        iy = int(np.floor(frame[3] * xy[i, 0] + frame[4] * xy[i, 1] + frame[5]))
+        out[iy, ix] = 1
+    return out
+
+
 def places(region: Region, xy: NDArray[np.float64]) -> NDArray[np.uint8]:
     """OUTSIDE, INSIDE or WALL of each point (n, 2)."""
-    found: NDArray[np.uint8] = _places(region.place, region.frame, np.ascontiguousarray(xy, np.float64))
+    found: NDArray[np.uint8] = places_at(region.place, region.frame, np.ascontiguousarray(xy, np.float64))
     return found

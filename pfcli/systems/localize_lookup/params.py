@@ -14,8 +14,8 @@ class Params:
     variant: Annotated[
         str,
         Opt(
-            "paper: best heading, Gaussian, multinomial every time, best particle; corrected: headings drawn with their"
-            " marginal weight, hits beside obstacles, systematic when N_eff is low, densest hypothesis",
+            "paper: best heading, Gaussian, multinomial every time, best particle; corrected: headings drawn and narrowed"
+            " down, hits beside obstacles, systematic when N_eff is low, densest hypothesis",
             choices=("corrected", "paper"),
         ),
     ] = "corrected"

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pfcli.core import particles
 from pfcli.core.geometry import between, compose
+from pfcli.core.grid import region
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import heading
 from pfcli.core.sensor.range_beams import Beams, Model
@@ -39,8 +40,7 @@ def scatter(beams: Beams, assets: Assets, params: Params, rng: np.random.Generat
     initial = assets.initial
     if initial.kind == "pose":
         poses = particles.gaussian(np.array(initial.pose), np.array(initial.sd), params.particles, rng)
-        log_w = evidence(poses, beams, assets, model_of(params, beams, assets, params.sigma_hit_m))
-        return Scattered(poses, log_w, 0.0)
+        return Scattered(poses, _fit(poses, beams, assets, params, params.sigma_hit_m), 0.0)
     return anywhere(beams, assets, params, rng)
 
 
@@ -53,19 +53,24 @@ def anywhere(beams: Beams, assets: Assets, params: Params, rng: np.random.Genera
         places = int(min(max(places, area * params.start_density_per_m2), _MOST))
     drawn = particles.uniform(assets.start_xy, grid.resolution_m / 2, places, rng, initial.heading)
     if params.headings == "random":
-        log_w = evidence(drawn, beams, assets, model_of(params, beams, assets, params.sigma_hit_m))
+        log_w = _fit(drawn, beams, assets, params, params.sigma_hit_m)
         return Scattered(drawn, log_w, normalize(log_w)[1] - math.log(places))
     if not corrected:
         poses, _ = _matched(drawn[:, :2], beams, params.sigma_hit_m, assets, params, rng)
-        return Scattered(
-            poses, evidence(poses, beams, assets, model_of(params, beams, assets, params.sigma_hit_m)), 0.0
-        )
+        return Scattered(poses, _fit(poses, beams, assets, params, params.sigma_hit_m), 0.0)
     # a fit that is no narrower than some of these lets several places stand for each that fits
     widest_m = math.hypot(params.sigma_hit_m, _WIDEST * math.sqrt(area / places))
     poses, log_over = _matched(drawn[:, :2], beams, 2.0 * widest_m, assets, params, rng)
     poses, log_sum = _narrowed(poses, log_over, widest_m, beams, assets, params, rng)
     log_evidence = log_sum - math.log(places * params.bins)
     return Scattered(poses, np.full(poses.shape[0], log_evidence - math.log(poses.shape[0])), log_evidence)
+
+
+def _fit(
+    poses: NDArray[np.float64], beams: Beams, assets: Assets, params: Params, sigma_m: float
+) -> NDArray[np.float64]:
+    """(n,) evidence of poses (n, 3) where hits spread by sigma_m."""
+    return evidence(poses, beams, assets, model_of(params, beams, assets, sigma_m))
 
 
 def _matched(
@@ -140,7 +145,7 @@ def _narrowed(
     """
 
     def fit(poses: NDArray[np.float64], sigma_m: float) -> NDArray[np.float64]:
-        return evidence(poses, beams, assets, model_of(params, beams, assets, sigma_m))
+        return _fit(poses, beams, assets, params, sigma_m)
 
     def narrowest(base: NDArray[np.float64], high: float, n_eff: float) -> float:
         """The smallest spread whose weights leave so many effective particles."""
@@ -153,7 +158,8 @@ def _narrowed(
             low, high = (low, middle) if enough else (middle, high)
         return min(high, max(least, params.sigma_hit_m))
 
-    n, log_sum, allowed = params.particles, 0.0, _cells(assets)
+    n, log_sum, frame = params.particles, 0.0, assets.rays.frame
+    allowed = region.only(assets.grid.cells.shape, frame, assets.start_xy)
     sigma_m = narrowest(log_w, widest_m, _FIRST_SHARE * n)
     log_w = log_w + fit(poses, sigma_m)
     while True:
@@ -166,31 +172,9 @@ def _narrowed(
             log_moved = fit(moved, sigma_m)
             asked = _heading_prior(moved[:, 2], assets) - _heading_prior(poses[:, 2], assets)
             taken = np.log(rng.random(n)) < log_moved - log_p + asked
-            taken &= _at(compose(moved, beams.mounts[:1]), allowed, assets)
+            taken &= region.places_at(allowed, frame, compose(moved, beams.mounts[:1])) == region.INSIDE
             poses, log_p = np.where(taken[:, None], moved, poses), np.where(taken, log_moved, log_p)
         if sigma_m <= params.sigma_hit_m:
             return poses, log_sum
         sigma_m = narrowest(-log_p, sigma_m, _STEP_SHARE * n)
         log_w = fit(poses, sigma_m) - log_p - math.log(n)
-
-
-def _cells(assets: Assets) -> NDArray[np.bool_]:
-    """(rows, cols) cells in which the first sensor may stand at the start."""
-    allowed = np.zeros(assets.grid.cells.shape, np.bool_)
-    column, row = _places(assets.start_xy, assets)
-    allowed[row, column] = True
-    return allowed
-
-
-def _at(poses: NDArray[np.float64], allowed: NDArray[np.bool_], assets: Assets) -> NDArray[np.bool_]:
-    """(n,) which of the poses (n, 3) stand in allowed cells."""
-    column, row = _places(poses[:, :2], assets)
-    on = (column >= 0) & (row >= 0) & (column < allowed.shape[1]) & (row < allowed.shape[0])
-    return np.asarray(on & allowed[np.where(on, row, 0), np.where(on, column, 0)])
-
-
-def _places(xy: NDArray[np.float64], assets: Assets) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Column and row (n,) of the cells that places (n, 2) lie in."""
-    f = assets.rays.frame
-    across, up = f[0] * xy[:, 0] + f[1] * xy[:, 1] + f[2], f[3] * xy[:, 0] + f[4] * xy[:, 1] + f[5]
-    return np.floor(across).astype(np.int64), np.floor(up).astype(np.int64)

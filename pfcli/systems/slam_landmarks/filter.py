@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core import estimate, landmark_store
-from pfcli.core.geometry import between, compose, wrap
+from pfcli.core import landmark_store
+from pfcli.core.geometry import between, wrap
 from pfcli.core.landmark_store import FIELDS, Store
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.errors import LogError, UsageError
@@ -25,7 +25,7 @@ from pfcli.rng import Draw, Purpose, rng_for
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.gdr_resampling import ancestors_of, dispersed
 from pfcli.systems.result import Result
-from pfcli.systems.slam_landmarks import history, smooth, start
+from pfcli.systems.slam_landmarks import anchor, history, smooth, start
 from pfcli.systems.slam_landmarks import marks as landmarks
 from pfcli.systems.slam_landmarks.history import History
 from pfcli.systems.slam_landmarks.kernels import IGNORED, UNKNOWN, observe
@@ -57,15 +57,6 @@ class Assets(NamedTuple):
     places: dict[str, tuple[float, float]]
 
 
-class Anchor(NamedTuple):
-    """Where the particles were drawn anew last: pose (3,) and covariance (3, 3) by the least squares; shift (n, 3): the motion
-    that takes that pose to where each particle, or its ancestor, was drawn."""
-
-    pose: NDArray[np.float64]
-    cov: NDArray[np.float64]
-    shift: NDArray[np.float64]
-
-
 class State(NamedTuple):
     """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
     seen_at (columns,): the observation that saw it last, -1 for none; odometry (1, 3) and way and turn at the last observation;
@@ -74,7 +65,7 @@ class State(NamedTuple):
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
-    anchor: Anchor
+    anchor: anchor.Anchor
     store: Store
     columns: NDArray[np.int64]
     names: dict[str, int]
@@ -115,7 +106,7 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
     return State(
         np.tile(np.array(first.odometry, float), (n, 1)),
         np.full(n, -np.log(n)),
-        _unmoved(n),
+        anchor.unmoved(n),
         store,
         columns,
         names,
@@ -133,11 +124,6 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
         FrameKeeper(),
         0,
     )
-
-
-def _unmoved(n: int) -> Anchor:
-    """All particles are what they were drawn from."""
-    return Anchor(np.zeros(3), np.zeros((3, 3)), np.zeros((n, 3)))
 
 
 def _known(assets: Assets, n: int) -> tuple[Store, dict[str, int]]:
@@ -188,9 +174,8 @@ def _observe(
     pose, log_w = state.pose.copy(), state.log_w.copy()
     way, turn = travelled
     # what was driven to and fro between two observations is noise as well
-    sd = _spread(max(way, float(np.hypot(moved[0], moved[1]))), max(turn, abs(moved[2])), params)
-    if moved[0] < 0.0:  # backwards, the middle of the way is ahead
-        sd[3] -= 2.0 * (sd[3] - params.motion_pivot_m)
+    driven = math.copysign(max(way, float(np.hypot(moved[0], moved[1]))), moved[0])
+    sd = _spread(driven, max(turn, abs(moved[2])), params)
     seen, step = smooth.corrected(view.z, moved, state.scales)
     z = draw(Purpose.MOTION, stamp_ns).standard_normal(pose.shape)
     log_false = math.log(params.false_share / (2.0 * math.pi * params.landmark_range_m))
@@ -203,18 +188,19 @@ def _observe(
     return state._replace(pose=pose, log_w=log_w, store=store, columns=columns), used
 
 
-def _spread(way: float, turn: float, params: Params) -> NDArray[np.float64]:
-    """(4,) along, across (m), of turning (rad), and how far behind (m) its errors turn about.
+def _spread(driven: float, turn: float, params: Params) -> NDArray[np.float64]:
+    """(4,) along, across (m), of turning (rad), and how far behind (m) its errors turn about. driven: negative backwards.
 
     Variances grow with way and turn, so that a step is as uncertain as its parts together, however rarely something is seen.
     Turning errors add up along the way: on the average they are about its middle, and across it they leave what parts turned
     at different times.
     """
+    way = abs(driven)
     along = math.sqrt(params.motion_xy_m**2 + params.motion_xy_per_root_m**2 * way)
     turning = params.motion_yaw_per_root_m**2 * way + params.motion_yaw_per_root_rad**2 * turn
     yaw = math.sqrt(params.motion_yaw_rad**2 + turning)
     across = math.hypot(params.motion_across_share * along, way * yaw / math.sqrt(12.0))
-    return np.array([along, across, yaw, params.motion_pivot_m + way / 2.0])
+    return np.array([along, across, yaw, params.motion_pivot_m + driven / 2.0])
 
 
 def _conclude(
@@ -226,7 +212,7 @@ def _conclude(
     params: Params,
     draw: Draw,
 ) -> tuple[State, Info]:
-    """Report; then draw the particles anew from the whole past, or resample."""
+    """Draw the particles anew from the whole past and report, or report and resample."""
     weights, log_evidence = normalize(state.log_w)
     state = state._replace(log_w=state.log_w - log_evidence)
     best = int(np.argmax(weights))
@@ -240,7 +226,7 @@ def _conclude(
     resample = not fresh and n_eff < params.resample_threshold * state.pose.shape[0]
     if fresh:
         state = _rejuvenate(state, best, assets, params, draw, sighting.stamp_ns)
-    found = _estimate(state)
+    found = anchor.estimated(state.anchor, state.pose, normalize(state.log_w)[0])
     state.track.update(found.pose, found.cov)
     state.frames.offer(sighting.stamp_ns, found.pose, state.pose, view.points_m)
     if resample:
@@ -273,19 +259,6 @@ def _looked(state: State, used: NDArray[np.int32], steps: int) -> tuple[State, b
     return state._replace(seen_at=seen_at), back
 
 
-def _estimate(state: State) -> estimate.PoseEstimate:
-    """Mean and covariance of the pose.
-
-    A few particles that are resampled at every second observation soon share an ancestor, whose world was drawn off the
-    mean: each particle is taken back by what its own was off, and what is not known of that is the least squares'.
-    """
-    anchor, weights = state.anchor, normalize(state.log_w)[0]
-    found = estimate.whole(between(anchor.shift, state.pose), weights)
-    dx, dy, _ = found.pose - anchor.pose
-    moved = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-    return found._replace(cov=found.cov + moved @ anchor.cov @ moved.T)
-
-
 def _chosen(
     state: State, ancestors: NDArray[np.int64], weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int
 ) -> State:
@@ -307,12 +280,11 @@ def _rejuvenate(state: State, best: int, assets: Assets, params: Params, draw: D
     n, rng = params.particles, draw(Purpose.PROPOSAL, stamp_ns)
     marks = landmark_store.landmarks(state.store, best)
     anew = history.drawn_anew(state.history, best, marks, state.scales, _options(assets, params), n, rng)
-    anchor = _unmoved(n)
-    if not assets.places:  # known landmarks tell more of the pose all the time
-        anchor = Anchor(anew.mean, anew.cov, compose(anew.pose, between(anew.mean[None], np.zeros((1, 3)))))
+    # known landmarks tell more of the pose all the time
+    anchored = anchor.unmoved(n) if assets.places else anchor.at(anew.mean, anew.cov, anew.pose)
     return state._replace(
         pose=anew.pose,
-        anchor=anchor,
+        anchor=anchored,
         log_w=np.full(n, -np.log(n)),
         store=state.store if anew.marks is None else landmark_store.of_particles(anew.marks, n),
         columns=np.full(n, state.columns[best]),

@@ -10,11 +10,18 @@ from pfcli.core.landmark_store import FIELDS
 from pfcli.systems.slam_landmarks import smooth
 
 
+class Middle(NamedTuple):
+    """The last solution: track (t, 3), and places (l, 2) of the landmarks of columns (l,)."""
+
+    track: NDArray[np.float64]
+    columns: NDArray[np.int64]
+    places: NDArray[np.float64]
+
+
 class History(NamedTuple):
     """By observation: step and its spread, detections (z, sd), and columns (n, m), or (1, m) where all agree, that each particle
-    took for them. Tracks: `settled` (n, t, 3) of the particles that were drawn anew last, around the `middle` (t, 3), where the
-    landmarks of the columns `named` (l,) were at `places` (l, 2); since then poses (n, 3) of each
-    observation and, where particles were resampled after it, their parents (n,)."""
+    took for them. Tracks: `settled` (n, t, 3) of the particles that were drawn anew last, around the `middle`; since then poses
+    (n, 3) of each observation and, where particles were resampled after it, their parents (n,)."""
 
     step: list[NDArray[np.float64]]
     step_sd: list[NDArray[np.float64]]
@@ -22,9 +29,7 @@ class History(NamedTuple):
     sd: list[NDArray[np.float64]]
     column: list[NDArray[np.int32]]
     settled: NDArray[np.float64]
-    middle: NDArray[np.float64]
-    named: NDArray[np.int64]
-    places: NDArray[np.float64]
+    middle: Middle
     pose: list[NDArray[np.float64]]
     parents: list[NDArray[np.int64] | None]
 
@@ -42,9 +47,8 @@ class Past(NamedTuple):
 
 def empty() -> History:
     """Nothing driven, nothing seen."""
-    return History(
-        [], [], [], [], [], np.empty((1, 0, 3)), np.empty((0, 3)), np.empty(0, np.int64), np.empty((0, 2)), [], []
-    )
+    middle = Middle(np.empty((0, 3)), np.empty(0, np.int64), np.empty((0, 2)))
+    return History([], [], [], [], [], np.empty((1, 0, 3)), middle, [], [])
 
 
 def record(
@@ -116,11 +120,11 @@ def drawn_anew(
 ) -> Anew:
     """n particles from the posterior of the whole track near particle `best`, whose landmarks are marks (l, FIELDS)."""
     past = of_particle(history, best, marks)
-    track, places = _from_the_middle(history, past)
+    track, places = _from_the_middle(history.middle, past)
     found = smooth.solve(past.log, track, places, scales, options, draws=n, rng=rng)
     column = [c[None] for c in past.taken]
-    fresh = history._replace(column=column, settled=found.draws, pose=[], parents=[])
-    fresh = fresh._replace(middle=found.track, named=past.columns, places=found.marks)
+    middle = Middle(found.track, past.columns, found.marks)
+    fresh = history._replace(column=column, settled=found.draws, middle=middle, pose=[], parents=[])
     pose = found.draws[:, -1].copy(), found.track[-1].copy(), found.end_cov
     if options.fixed:
         return Anew(*pose, None, fresh, found.scales)
@@ -130,15 +134,14 @@ def drawn_anew(
     return Anew(*pose, given, fresh, found.scales)
 
 
-def _from_the_middle(history: History, past: Past) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _from_the_middle(middle: Middle, past: Past) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The particle's track and landmarks as if its past were the middle that it was drawn around: less is left to be solved."""
-    done = history.middle.shape[0]
+    done = middle.track.shape[0]
     if done == 0:
         return past.track, past.places
-    end, drawn = history.middle[-1:], past.track[done - 1 : done]
+    end, drawn = middle.track[-1:], past.track[done - 1 : done]
     moved = compose(end, between(drawn, past.track[done:]))
     flat = np.column_stack([past.places, np.zeros(past.columns.size)])
     places = compose(end, between(drawn, flat))[:, :2]
-    old, at = np.isin(past.columns, history.named), np.isin(history.named, past.columns)
-    places[old] = history.places[at]
-    return np.concatenate([history.middle, moved]), places
+    places[np.isin(past.columns, middle.columns)] = middle.places[np.isin(middle.columns, past.columns)]
+    return np.concatenate([middle.track, moved]), places

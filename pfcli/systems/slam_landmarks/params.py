@@ -54,7 +54,8 @@ class Params:
     rejuvenate_steps: Annotated[
         int,
         Opt(
-            "after so many observations particles are drawn anew from all that was driven and seen; 0: never",
+            "after so many observations, or when a landmark comes back that was not seen for so many, particles are drawn"
+            " anew from all that was driven and seen; 0: never",
             "",
             0,
             1_000_000,
