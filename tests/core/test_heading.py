@@ -30,14 +30,27 @@ def test_headings_are_drawn_within_their_modes_in_proportion() -> None:
     bins = 72
     log_p = np.full((1, bins), -50.0)
     log_p[0, 10], log_p[0, 11], log_p[0, 40] = 0.0, np.log(0.5), np.log(0.25)
+    log_p[0, 60:62] = np.log(0.125)
     rng = np.random.default_rng(0)
     n = 20_000
-    place, where, mass, drawn = heading.modes(np.repeat(log_p, n, axis=0), 2, 3, rng.random((n, 2)))
-    assert place.shape == (2 * n,)
-    first, second = where[::2], where[1::2]
-    assert np.allclose(mass[::2], np.log(1.5))
-    assert np.allclose(mass[1::2], np.log(0.25))
+    place, where, mass, drawn = heading.strata(np.repeat(log_p, n, axis=0), 2, 3, rng.random((n, 3)))
+    assert place.tolist() == np.repeat(np.arange(n), 3).tolist()
+    first, second, rest = where.reshape(n, 3).T
+    assert np.allclose(mass.reshape(n, 3), np.log([1.5, 0.25, 0.25]))
     share = np.mean(np.rint(first) == 10)
     assert abs(share - 2 / 3) < 4 * np.sqrt(2 / 9 / n)
     assert (np.abs(second - 40) <= 0.5).all()
-    assert set(np.round(np.unique(drawn[::2]), 6)) <= {0.0, round(float(np.log(0.5)), 6)}
+    assert (np.abs(rest - 60.5) <= 1.0).all()
+    assert abs(np.mean(rest < 60.5) - 0.5) < 4 * np.sqrt(0.25 / n)
+    assert set(np.round(np.unique(drawn[::3]), 6)) <= {0.0, round(float(np.log(0.5)), 6)}
+
+
+def test_drawn_headings_stand_for_the_whole_row() -> None:
+    """Weighed by mass over density, what is drawn estimates any sum over the row, also of what no mode holds."""
+    rng = np.random.default_rng(1)
+    log_p, target = rng.normal(0.0, 2.0, 120), rng.exponential(size=120)
+    n = 50_000
+    place, where, mass, drawn = heading.strata(np.repeat(log_p[None], n, axis=0), 3, 4, rng.random((n, 4)))
+    terms = np.exp(mass - drawn) * target[np.rint(where).astype(int) % 120]
+    sums = np.bincount(place, terms, n)
+    assert abs(sums.mean() - target.sum()) < 4 * sums.std() / np.sqrt(n)

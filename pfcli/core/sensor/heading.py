@@ -59,43 +59,43 @@ def best(log_p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def modes(log_p, count, half, u):  # type: ignore[no-untyped-def]
-    """Draw a heading from each of the `count` strongest modes of every row of log_p (n, bins).
+def strata(log_p, count, half, u):  # type: ignore[no-untyped-def]
+    """Draw a heading from each of the `count` strongest modes of every row of log_p (n, bins), and one from what they leave.
 
-    half: a mode reaches so many bins to each side of its top; u: (n, count) in [0, 1). Returns (place (m,) row of each
-    heading, bin (m,) fractional, log_mass (m,): of the mode, log_top (m,): log_p of the bin drawn).
+    half: a mode reaches so many bins to each side of its top; u: (n, count + 1) in [0, 1). Returns (place (m,) row of each
+    heading, bin (m,) fractional, log_mass (m,): of the stratum, log_drawn (m,): log_p of the bin drawn): log_mass - log_drawn
+    weighs each so that all of the row is stood for.
     """
     n, bins = log_p.shape
-    place, where = np.empty(n * count, np.int64), np.empty(n * count)
-    log_mass, drawn = np.empty(n * count), np.empty(n * count)
+    place, where = np.empty(n * (count + 1), np.int64), np.empty(n * (count + 1))
+    log_mass, drawn = np.empty(n * (count + 1)), np.empty(n * (count + 1))
     free = np.empty(bins, np.bool_)
     m = 0
     for i in range(n):
         free[:] = True
-        for j in range(count):
+        for j in range(count + 1):
             top = -1
             for h in range(bins):
                 if free[h] and (top < 0 or log_p[i, h] > log_p[i, top]):
                     top = h
             if top < 0:
                 break
+            low, end = (top - half, top + half + 1) if j < count else (0, bins)
             total = 0.0
-            for d in range(-half, half + 1):
-                h = (top + d) % bins
-                if free[h]:
-                    total += np.exp(log_p[i, h] - log_p[i, top])
+            for h in range(low, end):
+                if free[h % bins]:
+                    total += np.exp(log_p[i, h % bins] - log_p[i, top])
             pointer, run, chosen, share = u[i, j] * total, 0.0, top, 0.5
-            for d in range(-half, half + 1):
-                h = (top + d) % bins
-                if not free[h]:
+            for h in range(low, end):
+                if not free[h % bins]:
                     continue
-                p = np.exp(log_p[i, h] - log_p[i, top])
+                p = np.exp(log_p[i, h % bins] - log_p[i, top])
                 if run + p > pointer:
-                    chosen, share = h, (pointer - run) / p
+                    chosen, share = h % bins, (pointer - run) / p
                     break
                 run += p
-            for d in range(-half, half + 1):
-                free[(top + d) % bins] = False
+            for h in range(low, end):
+                free[h % bins] = False
             place[m], where[m] = i, chosen + share - 0.5
             log_mass[m], drawn[m] = np.log(total) + log_p[i, top], log_p[i, chosen]
             m += 1

@@ -27,7 +27,15 @@ class Params:
     headings: Annotated[
         str, Opt("of the first particles: matched to the reading, or random", choices=("match", "random"))
     ] = "match"
-    modes: Annotated[int, Opt("headings drawn at each place (corrected)", "", 1, 36)] = 3
+    modes: Annotated[
+        int,
+        Opt(
+            "modes of the heading at each place from which one is drawn, beside one from the rest (corrected)",
+            "",
+            1,
+            36,
+        ),
+    ] = 3
     ranges: Annotated[str, Opt("expected ranges: looked up, or rays cast each time", choices=("table", "rays"))] = (
         "table"
     )

@@ -19,7 +19,9 @@ from pfcli.systems.localize_lookup.params import Params
 _MOST, _CHUNK, _FEW_BEAMS = 2_000_000, 4096, 12
 _HALF_MODE_RAD = 0.15
 _WIDEST = 8.0
-"""Spread of hits at the first look by the distance between places: posteriors are narrower than spreads."""
+_TRIES = 3
+"""Spread of hits at the widest first look by the distance between places: posteriors are narrower than spreads; and how many are
+tried, from the reading's own."""
 _FIRST_SHARE, _STEP_SHARE, _HALVINGS, _LEAST_STEP = 0.25, 0.5, 6, 0.9
 """Effective particles, by their number, after the first look and after each narrower one, by a tenth at the least."""
 _MOVES, _MOVE = 4, np.array([0.4, 0.4, 0.4 / 5.0])
@@ -58,10 +60,14 @@ def anywhere(beams: Beams, assets: Assets, params: Params, rng: np.random.Genera
     if not corrected:
         poses, _ = _matched(drawn[:, :2], beams, params.sigma_hit_m, assets, params, rng)
         return Scattered(poses, _fit(poses, beams, assets, params, params.sigma_hit_m), 0.0)
-    # a fit that is no narrower than some of these lets several places stand for each that fits
+    # a fit no narrower than the widest lets several places stand for each that fits; few beams fit widely as they are
     widest_m = math.hypot(params.sigma_hit_m, _WIDEST * math.sqrt(area / places))
-    poses, log_over = _matched(drawn[:, :2], beams, 2.0 * widest_m, assets, params, rng)
-    poses, log_sum = _narrowed(poses, log_over, widest_m, beams, assets, params, rng)
+    for sigma_m in np.geomspace(params.sigma_hit_m, widest_m, _TRIES):
+        poses, log_over = _matched(drawn[:, :2], beams, 2.0 * sigma_m, assets, params, rng)
+        weights, _ = normalize(log_over + _fit(poses, beams, assets, params, sigma_m))
+        if effective_sample_size(weights) >= _FIRST_SHARE * params.particles:
+            break
+    poses, log_sum = _narrowed(poses, log_over, sigma_m, beams, assets, params, rng)
     log_evidence = log_sum - math.log(places * params.bins)
     return Scattered(poses, np.full(poses.shape[0], log_evidence - math.log(poses.shape[0])), log_evidence)
 
@@ -77,7 +83,7 @@ def _matched(
     xy: NDArray[np.float64], beams: Beams, sigma_m: float, assets: Assets, params: Params, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Robots whose first sensor stands at places (n, 2) with headings that fit, and log of prior by density of the draw, both
-    per bin: the best heading as printed, or one from each of some modes."""
+    per bin: the best heading as printed, or one from each of some modes and one from the rest."""
     model = model_of(params, beams, assets, sigma_m)
     to_base = between(beams.mounts[:1], np.zeros((1, 3)))
     turn = 2 * math.pi / params.bins * np.arange(params.bins)
@@ -91,9 +97,9 @@ def _matched(
             best = heading.best(log_p)
             place, bin_, width = np.arange(chunk.shape[0]), best.astype(float), np.zeros(chunk.shape[0])
         else:
-            u = rng.random((chunk.shape[0], params.modes))
-            place, bin_, mass, top = heading.modes(log_p, params.modes, half, u)
-            width = mass - top
+            u = rng.random((chunk.shape[0], params.modes + 1))
+            place, bin_, mass, drawn = heading.strata(log_p, params.modes, half, u)
+            width = mass - drawn
         yaw = bin_ * (2 * math.pi / params.bins) + assets.grid.origin.yaw_rad
         poses.append(compose(np.column_stack([chunk[place], yaw]), to_base))
         log_over.append(width + prior[np.rint(bin_).astype(np.int64) % params.bins])
