@@ -63,6 +63,26 @@ def _fill(poses, weights, side_m, side_rad, slots, heaviest):  # type: ignore[no
             heaviest[h] = i
 
 
+@kernel
+def _best_around(poses, weights, slots, heaviest, reach_m, reach_rad, pose, cov):  # type: ignore[no-untyped-def]
+    """The heaviest neighbourhood of the heaviest bins, the first of equals; consumes `slots`, returns its weight."""
+    best = 0.0
+    mean, spread = np.empty(3), np.empty((3, 3))
+    for _ in range(_CANDIDATES):
+        slot = np.argmax(slots)
+        # a hypothesis on the border of bins is split among up to eight of them: compare whole neighbourhoods
+        if slots[slot] <= 0.0 or best >= _ALL:
+            break
+        slots[slot] = 0.0
+        mean[:], mass = poses[heaviest[slot]], 0.0
+        for _ in range(2):
+            mass = _around(poses, weights, mean.copy(), reach_m, reach_rad, mean, spread)
+        if mass > best:
+            best = mass
+            pose[:], cov[:] = mean, spread
+    return best
+
+
 def whole(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> PoseEstimate:
     """Mean and covariance of all poses (n, 3) with weights (n,); headings by their circular mean."""
     s, c = weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2])
@@ -95,15 +115,9 @@ def densest(poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: f
     size = 1 << max(8, int(poses.shape[0] * 2).bit_length())
     slots, heaviest = np.zeros(size), np.full(size, -1)
     _fill(poses, weights, reach_m, reach_rad, slots, heaviest)
-    best = PoseEstimate(poses[int(np.argmax(weights))].copy(), np.zeros((3, 3)), 0.0)
-    # a hypothesis on the border of bins is split among up to eight of them: compare whole neighbourhoods
-    for slot in np.argsort(-slots, kind="stable")[:_CANDIDATES].tolist():
-        if slots[slot] <= 0.0 or best.mass >= _ALL:
-            break
-        found = around(poses, weights, poses[heaviest[slot]], reach_m, reach_rad)
-        if found.mass > best.mass:
-            best = found
-    return best
+    pose, cov = poses[int(np.argmax(weights))].copy(), np.zeros((3, 3))
+    mass = _best_around(poses, weights, slots, heaviest, reach_m, reach_rad, pose, cov)
+    return PoseEstimate(pose, cov, float(mass))
 
 
 @kernel

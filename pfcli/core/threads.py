@@ -2,7 +2,7 @@
 
 A kernel writes only its own rows, so the number of threads cannot change a byte. OpenMP loops would do the same, but
 each is compiled a second time, and their idle threads spin: two runs on two cores slow each other. To wake a thread
-costs 0.05-0.2 ms: worth it for kernels that take a good deal longer.
+costs 0.05-0.2 ms: worth it for kernels that take a good deal longer, so that these say how many rows do.
 """
 
 import os
@@ -60,9 +60,16 @@ def set_threads(count: int) -> None:
     _count = count or _cores()
 
 
-def spread(rows_kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
-    """Run `rows_kernel(low, high, *arguments)` for rows 0 .. n; the calling thread takes the first share."""
-    parts = min(_count, n)
+def rows_of(look_ups: int) -> int:
+    """Rows of so many look-ups in a table that are worth waking a thread for: they take some 0.1 ms."""
+    return 60_000 // max(1, look_ups) + 1
+
+
+def spread(rows_kernel: Callable[..., Any], n: int, *arguments: Any, least: int = 1) -> None:
+    """Run `rows_kernel(low, high, *arguments)` for rows 0 .. n; the calling thread takes the first share.
+
+    least: rows that are worth waking a thread for."""
+    parts = min(_count, n // least)
     if parts <= 1:
         rows_kernel(0, n, *arguments)
         return

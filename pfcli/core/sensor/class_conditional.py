@@ -17,7 +17,7 @@ from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.sensor import range_table
 from pfcli.core.sensor.likelihood_field import grid_frame
 from pfcli.core.sensor.range_table import UNKNOWN, RangeTable, row_at
-from pfcli.core.threads import spread
+from pfcli.core.threads import rows_of, spread
 
 OFF_MAP = 1e3
 """Distance given to end points that lie off the map."""
@@ -214,10 +214,7 @@ def fit(poses: NDArray[np.float64], scan: Scan, field: Field, model: Model) -> F
     out = np.empty((poses.shape[0], 4))
     unknown, table, per_m = _densities(scan, model)
     arguments = (poses, tuple(scan), unknown, _packed(field), table, per_m, model.mae_top_m, model.hit_m)
-    if poses.shape[0] * scan.range_m.size < 50_000:
-        _fit_rows(0, poses.shape[0], *arguments, out)  # to wake a thread would take longer
-    else:
-        spread(_fit_rows, poses.shape[0], *arguments, out)
+    spread(_fit_rows, poses.shape[0], *arguments, out, least=rows_of(scan.range_m.size))
     return Fit(out[:, 0], out[:, 1], out[:, 2], out[:, 3])
 
 

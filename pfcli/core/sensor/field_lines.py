@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import cholesky3, solve3, wrap
 from pfcli.core.jit import inline_kernel, kernel, reduction_kernel
 from pfcli.core.sensor.likelihood_field import Model, log_ratio
-from pfcli.core.threads import spread
+from pfcli.core.threads import rows_of, spread
 
 
 class Lines(NamedTuple):
@@ -177,7 +177,8 @@ def evidence(
     """Sum (n,) of the evidence of points (2, b; base frame, m) for each pose (n, 3), by two look-ups per point."""
     out = np.empty(poses.shape[0])
     shift = range_bins(points) * np.int32(STEPS)
-    spread(_table_rows, poses.shape[0], poses, points, table, values.value, shift, out)
+    arguments = (poses, points, table, values.value, shift, out)
+    spread(_table_rows, poses.shape[0], *arguments, least=rows_of(points.shape[1]))
     return out
 
 

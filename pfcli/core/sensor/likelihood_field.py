@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.grid.distance import distance_m
-from pfcli.core.jit import kernel, reduction_kernel
-from pfcli.core.threads import spread
+from pfcli.core.jit import inline_kernel, kernel
+from pfcli.core.threads import rows_of, spread
 
 
 class Model(NamedTuple):
@@ -29,6 +29,7 @@ LEVELS = 4
 
 UNKNOWN = 1e6
 _JUDGED = np.float32(1e5)
+_BLOCK = 256
 
 
 class Field(NamedTuple):
@@ -83,36 +84,52 @@ def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) ->
     return np.asarray(np.minimum(np.floor(np.log2(swing)), LEVELS - 1), np.int32)
 
 
-@reduction_kernel
-def _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, least, at):  # type: ignore[no-untyped-def]
-    """Look up and add: indices first, which vectorises, then the loads."""
-    for b in range(at.size):
-        x = gx + c * points[0, b] - s * points[1, b]
-        y = gy + s * points[0, b] + c * points[1, b]
-        ix = np.int32(min(max(x, np.float32(0.0)), cols))
-        iy = np.int32(min(max(y, np.float32(0.0)), rows))
-        at[b] = iy * each + ix + shift[b]
-    total = np.float32(0.0)
-    for b in range(at.size):
-        value = table[np.uint32(at[b])]
-        if value > 0.0:
-            total += max(least, value - base[0, b]) if value < _JUDGED else np.float32(0.0)
-        else:
-            total += min(np.float32(0.0), value - base[1, b])
-    return total
+@inline_kernel
+def _cells_of(gx, gy, c, s, px, py, rows, cols, each, shift, at, n):  # type: ignore[no-untyped-def]
+    zero = np.float32(0.0)
+    for i in range(n):
+        x = gx[i] + c[i] * px - s[i] * py
+        y = gy[i] + s[i] * px + c[i] * py
+        ix, iy = np.int32(min(max(x, zero), cols)), np.int32(min(max(y, zero), rows))
+        at[i] = iy * each + ix + shift
+
+
+@inline_kernel
+def _look_up(table, at, found, n):  # type: ignore[no-untyped-def]
+    for i in range(n):
+        found[i] = table[np.uint32(at[i])]
+
+
+@inline_kernel
+def _add(found, near, far, least, total, n):  # type: ignore[no-untyped-def]
+    zero = np.float32(0.0)
+    for i in range(n):
+        value = found[i]
+        speaks_for = max(least, value - near) if value < _JUDGED else zero
+        total[i] += speaks_for if value > zero else min(zero, value - far)
 
 
 @kernel
 def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, base, least, out):  # type: ignore[no-untyped-def]
+    """Blocks of poses, beam by beam: one beam of all of them ends in few cells, which stay in the nearest cache, and all
+    but the look-up is done for several poses at once, in any order of which each sum is the same."""
     rows, cols, each = np.float32(shape[0] - 1), np.float32(shape[1] - 1), np.int32(shape[1])
-    scale = np.sqrt(frame[0] * frame[0] + frame[3] * frame[3])
-    at = np.empty(points.shape[1], np.int32)
-    for i in range(low, high):
-        gx = np.float32(frame[0] * poses[i, 0] + frame[1] * poses[i, 1] + frame[2])
-        gy = np.float32(frame[3] * poses[i, 0] + frame[4] * poses[i, 1] + frame[5])
-        turn = poses[i, 2] - yaw
-        c, s = np.float32(np.cos(turn) * scale), np.float32(np.sin(turn) * scale)
-        out[i] = _sum_beams(table, rows, cols, gx, gy, c, s, points, each, shift, base, np.float32(least), at)
+    scale, at_least = np.sqrt(frame[0] * frame[0] + frame[3] * frame[3]), np.float32(least)
+    gx, gy, at = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.int32)
+    c, s = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    found, total = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    for first in range(low, high, _BLOCK):
+        n = min(_BLOCK, high - first)
+        for i in range(n):
+            x, y, turn = poses[first + i, 0], poses[first + i, 1], poses[first + i, 2] - yaw
+            gx[i], gy[i] = frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]
+            c[i], s[i], total[i] = np.cos(turn) * scale, np.sin(turn) * scale, 0.0
+        for b in range(points.shape[1]):
+            _cells_of(gx, gy, c, s, points[0, b], points[1, b], rows, cols, each, shift[b], at, n)
+            _look_up(table, at, found, n)
+            _add(found, base[0, b], base[1, b], at_least, total, n)
+        for i in range(n):
+            out[first + i] = total[i]
 
 
 def evidence(
@@ -138,5 +155,6 @@ def evidence(
     shape = (field.rows, field.cols)
     shift = level * np.int32(field.rows * field.cols)
     frame, yaw = field.frame, field.yaw_rad
-    spread(_evidence_rows, poses.shape[0], poses, points, field.table, frame, shape, yaw, shift, base, least, out)
+    arguments = (poses, points, field.table, frame, shape, yaw, shift, base, least, out)
+    spread(_evidence_rows, poses.shape[0], *arguments, least=rows_of(points.shape[1]))
     return out

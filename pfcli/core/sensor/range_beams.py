@@ -14,7 +14,7 @@ from pfcli.core.grid.raycast import cast, clearance
 from pfcli.core.jit import inline_kernel, kernel, reduction_kernel
 from pfcli.core.sensor.likelihood_field import grid_frame
 from pfcli.core.sensor.range_table import NONE, UNKNOWN, RangeTable, nearest_free, row_at
-from pfcli.core.threads import spread
+from pfcli.core.threads import rows_of, spread
 
 _NONE_ANYWHERE = 0.2
 """Share of beams that bring nothing back in a place of which nothing is known."""
@@ -221,7 +221,8 @@ def from_table(poses: NDArray[np.float64], beams: Beams, table: RangeTable, mode
     out = np.empty(poses.shape[0])
     unit_m = np.float32(table.unit_m)
     places = (table.row, table.centre, table.frame, table.yaw_rad)
-    spread(_table_rows, poses.shape[0], poses, tuple(beams), table.ranges, *places, _packed(model), unit_m, out)
+    arguments = (poses, tuple(beams), table.ranges, *places, _packed(model), unit_m, out)
+    spread(_table_rows, poses.shape[0], *arguments, least=rows_of(beams.turn.size))
     return out
 
 

@@ -20,6 +20,8 @@ from pfcli.systems.pace import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
+_TOO_LITTLE = 1e-7
+"""Mass that is not worth candidates: it waits in the class that it is in."""
 _GIVEN_UP = 1e-3
 """A class of less mass has been left for long: no slip of this step explains that."""
 _ASKED, _SETTLED_M, _SETTLED_SHARE = 64, 0.5, 0.9
@@ -90,10 +92,11 @@ def _come_back(
     """Class 6 after a long way outside is spread over metres: gather it where the scan fits."""
     back = label == 6
     mass = float(weight[back].sum())
-    if mass <= _NEGLIGIBLE:
+    if mass <= _TOO_LITTLE:
         return pose, label, weight
     rng = draw(Purpose.INJECT, reading.stamp_ns)
-    blind = pose[back][systematic.choose(weight[back], rng.random(), max(int(back.sum()), params.frontier_samples))]
+    wanted = max(int(back.sum()), kernels.worth(mass, params.frontier_samples, params.min_particles))
+    blind = pose[back][systematic.choose(weight[back], rng.random(), wanted)]
     found, gathered = anneal.gather(blind, mass, blind.shape[0], reading, assets, params, rng)
     return (
         np.concatenate([pose[~back], found]),
@@ -122,26 +125,21 @@ def _arrive(
     rows = transition.sum(axis=1)
     transition *= 1.0 - carried
     transition[:, 1] += carried * rows
-    p12 = 1.0 - float(np.exp(-way / params.entry_length_m))
-    rng = draw(Purpose.INJECT, reading.stamp_ns)
-    fresh = [(2, b1 * p12, np.empty((0, 3))), (3, b1 * carried, np.empty((0, 3)))]
-    if b1 > _NEGLIGIBLE and way > 0.0:
-        region = assets.region
-        wanted = int(params.frontier_samples * min(1.0, max(0.1, 10.0 * b1)))
-        count = band_count(region, moved, step_noise(moved, params))
-        if count:
-            u = rng.random((2 * wanted, 4))
-            found = kernels.entries(
-                region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True
-            )
-            fresh[0] = (2, b1 * p12, found[:wanted])
-        if carried > 0.0:
-            anywhere = particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)
-            fresh[1] = (3, b1 * carried, anywhere)
+    entering = b1 * (1.0 - float(np.exp(-way / params.entry_length_m)))
+    fresh = []
+    region, rng = assets.region, draw(Purpose.INJECT, reading.stamp_ns)
+    wanted = kernels.worth(b1, params.frontier_samples, params.min_particles)
+    count = band_count(region, moved, step_noise(moved, params)) if entering > _TOO_LITTLE else 0
+    if count:
+        u = rng.random((2 * wanted, 4))
+        found = kernels.entries(region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True)
+        fresh.append((2, entering, found[:wanted]))
+    if b1 * carried > _TOO_LITTLE:
+        fresh.append((3, b1 * carried, particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)))
     left = b1
     for k, mass, poses in fresh:
         m = poses.shape[0]
-        if m == 0 or mass <= 0.0:
+        if m == 0:
             continue
         poses, gathered = anneal.gather(poses, mass, m, reading, assets, params, rng)
         pose, label = np.concatenate([pose, poses]), np.concatenate([label, np.full(m, k, np.uint8)])

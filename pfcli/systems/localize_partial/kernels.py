@@ -45,7 +45,7 @@ def move(
     """
     n = poses.shape[0]
     moved, labels, factor = np.empty((n, 3)), np.empty(n, np.uint8), np.empty(n)
-    spread(_move_rows, n, poses, classes, step, sd, z, region.place, region.frame, moved, labels, factor)
+    spread(_move_rows, n, poses, classes, step, sd, z, region.place, region.frame, moved, labels, factor, least=2000)
     return moved, labels, factor
 
 
@@ -92,12 +92,18 @@ def masses(classes, weights):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def worth(mass, most, least):  # type: ignore[no-untyped-def]
+    """Particles that a share of the belief deserves: all from a tenth on, and `least` at the least."""
+    return max(min(least, most), min(most, int(10.0 * mass * most)))
+
+
+@kernel
 def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_rad, negligible):  # type: ignore[no-untyped-def]
     """Resample each cluster on its own, when its N_eff is low or it has grown too large.
 
     weights: (n,), global; u: (7,), one offset per class; least, most: particles of a cluster; share: resample below
     this N_eff / n; error: for the KLD bound (0: always `most`). Clusters with less than `negligible` weight are dropped,
-    and the outside classes 4 and 5 get a tenth of `most` at the most.
+    improbable ones get fewer, and the outside classes 4 and 5 a tenth of `most` at the most.
     Returns (poses, classes, weights).
     """
     n = poses.shape[0]
@@ -116,7 +122,7 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
         if m == 0 or mass <= negligible:
             continue
         # an entry starts with little weight and must live until the map has spoken; an exit is tracked by odometry alone
-        limit = most if k == 2 or k == 3 or k == 6 else max(min(least, most), most // 10)
+        limit = most if k == 2 or k == 3 else worth(mass, most if k == 6 else most // 10, least)
         if m <= limit and mass * mass >= share * m * squares:
             for j in range(m):
                 new_poses[count], new_classes[count], new_weights[count] = poses[members[j]], k, weights[members[j]]
@@ -124,11 +130,11 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
             continue
         cluster = members[:m]
         wanted = limit
-        chosen = cluster[choose(weights[cluster], u[k], wanted)]
         if error > 0.0:
-            bins = occupied_bins(poses, chosen, side_m, side_rad)
+            # bins of those who would be drawn if `limit` were
+            bins = occupied_bins(poses, cluster[weights[cluster] * limit >= 0.5 * mass], side_m, side_rad)
             wanted = max(min(least, limit), min(limit, bound(bins, error, 2.33)))
-            chosen = cluster[choose(weights[cluster], u[k], wanted)]
+        chosen = cluster[choose(weights[cluster], u[k], wanted)]
         for j in range(wanted):
             new_poses[count], new_classes[count], new_weights[count] = poses[chosen[j]], k, mass / wanted
             count += 1
