@@ -126,6 +126,9 @@ def _arrive(
     transition *= 1.0 - carried
     transition[:, 1] += carried * rows
     entering = b1 * (1.0 - float(np.exp(-way / params.entry_length_m)))
+    if max(entering, b1 * carried) <= _TOO_LITTLE:
+        transition[1, 1] += b1
+        return pose, label, weight, b1 + lost
     fresh = []
     region, rng = assets.region, draw(Purpose.INJECT, reading.stamp_ns)
     wanted = kernels.worth(b1, params.frontier_samples, params.min_particles)
@@ -201,8 +204,7 @@ def _settled(cloud: Cloud, reading: Reading, assets: Assets, params: Params, dra
         return None
     u = float(draw(Purpose.SETTLED, reading.stamp_ns).random())
     some = pose[here[systematic.choose(after, u, _ASKED)]]
-    middle = np.median(some[:, :2], axis=0)
-    if np.mean(np.hypot(*(some[:, :2] - middle).T) < _SETTLED_M) < _SETTLED_SHARE:
+    if kernels.together(some, _SETTLED_M) < _SETTLED_SHARE:
         return None
     base = reading.base.copy()
     base[0, base[0] > 0.0] += (1.0 - _MARGIN_LEFT) * params.history_margin

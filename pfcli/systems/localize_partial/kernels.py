@@ -74,6 +74,16 @@ def entries(edge_xy, count, resolution_m, step, u, place, frame, strict):  # typ
 
 
 @kernel
+def together(poses, reach_m):  # type: ignore[no-untyped-def]
+    """Share of the poses (n, 3) within reach of their median place."""
+    x, y = np.median(poses[:, 0]), np.median(poses[:, 1])
+    near = 0
+    for i in range(poses.shape[0]):
+        near += np.hypot(poses[i, 0] - x, poses[i, 1] - y) < reach_m
+    return near / poses.shape[0]
+
+
+@kernel
 def flow(before, after, weights):  # type: ignore[no-untyped-def]
     """(7, 7): weight that went from each class to each (eqs (8)-(12), not yet divided by the source's weight)."""
     out = np.zeros((7, 7))
