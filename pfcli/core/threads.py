@@ -61,7 +61,7 @@ def set_threads(count: int) -> None:
 
 
 def rows_of(look_ups: int) -> int:
-    """Rows of so many look-ups in a table that are worth waking a thread for: they take some 0.1 ms."""
+    """Rows of so many look-ups in a likelihood field, or as much work, that are worth waking a thread for: some 0.1 ms."""
     return 60_000 // max(1, look_ups) + 1
 
 

@@ -37,11 +37,14 @@ def test_evidence_equals_its_slow_definition(origin: tuple[float, float, float])
     cells = _map(rng)
     field = lf.build(cells, 0.05, origin, MODEL, unknown=True)
     points = rng.uniform(-1.5, 1.5, (2, 40)).astype(np.float32)
-    local = np.stack([rng.uniform(0.5, 4.0, 200), rng.uniform(0.5, 2.5, 200)])
+    n = lf._BLOCK + 44
+    local = np.stack([rng.uniform(0.5, 4.0, n), rng.uniform(0.5, 2.5, n)])
     c, s = np.cos(origin[2]), np.sin(origin[2])
     xy = np.array(origin[:2])[:, None] + np.array([[c, -s], [s, c]]) @ local
-    poses = np.column_stack([*xy, rng.uniform(-3, 3, 200)])
+    poses = np.column_stack([*xy, rng.uniform(-3, 3, n)])
     fast = lf.evidence(poses, points, field)
+    cut = [lf.evidence(part, points, field) for part in np.split(poses, [13, lf._BLOCK + 1])]
+    assert np.concatenate(cut).tobytes() == fast.tobytes()
     slow = np.array([_slow(p, points, cells, origin) for p in poses])
     # in single precision a beam that ends on the edge of a cell may fall into the next one: one beam in some hundreds
     assert np.mean(np.abs(fast - slow) < 1e-3) > 0.9

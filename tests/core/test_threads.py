@@ -20,8 +20,10 @@ def test_every_row_is_done_once_whatever_the_number_of_threads(count: int) -> No
 
     threads.set_threads(count)
     threads.spread(rows, 13, done)
+    threads.spread(rows, 13, done, least=5)
+    threads.spread(rows, 13, done, least=100)
     threads.set_threads(0)
-    assert (done == 1).all()
+    assert (done == 3).all()
 
 
 @pytest.mark.usefixtures("two_threads")

@@ -214,7 +214,7 @@ def fit(poses: NDArray[np.float64], scan: Scan, field: Field, model: Model) -> F
     out = np.empty((poses.shape[0], 4))
     unknown, table, per_m = _densities(scan, model)
     arguments = (poses, tuple(scan), unknown, _packed(field), table, per_m, model.mae_top_m, model.hit_m)
-    spread(_fit_rows, poses.shape[0], *arguments, out, least=rows_of(scan.range_m.size))
+    spread(_fit_rows, poses.shape[0], *arguments, out, least=rows_of(2 * scan.range_m.size))
     return Fit(out[:, 0], out[:, 1], out[:, 2], out[:, 3])
 
 

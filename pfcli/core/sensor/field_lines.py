@@ -178,7 +178,7 @@ def evidence(
     out = np.empty(poses.shape[0])
     shift = range_bins(points) * np.int32(STEPS)
     arguments = (poses, points, table, values.value, shift, out)
-    spread(_table_rows, poses.shape[0], *arguments, least=rows_of(points.shape[1]))
+    spread(_table_rows, poses.shape[0], *arguments, least=rows_of(2 * points.shape[1]))
     return out
 
 

@@ -222,7 +222,7 @@ def from_table(poses: NDArray[np.float64], beams: Beams, table: RangeTable, mode
     unit_m = np.float32(table.unit_m)
     places = (table.row, table.centre, table.frame, table.yaw_rad)
     arguments = (poses, tuple(beams), table.ranges, *places, _packed(model), unit_m, out)
-    spread(_table_rows, poses.shape[0], *arguments, least=rows_of(beams.turn.size))
+    spread(_table_rows, poses.shape[0], *arguments, least=rows_of(5 * beams.turn.size))
     return out
 
 

@@ -18,10 +18,9 @@ from pfcli.systems.localize_lookup.params import Params
 
 _MOST, _CHUNK, _FEW_BEAMS = 2_000_000, 4096, 12
 _HALF_MODE_RAD = 0.15
-_WIDEST = 8.0
-_TRIES = 3
-"""Spread of hits at the widest first look by the distance between places: posteriors are narrower than spreads; and how many are
-tried, from the reading's own."""
+_WIDEST, _TRIES = 8.0, 3
+"""Spread of hits at the widest first look by the distance between places, for posteriors are narrower than spreads; and how
+many spreads are tried, from the reading's own (10 500 places: 0.1 s each)."""
 _FIRST_SHARE, _STEP_SHARE, _HALVINGS, _LEAST_STEP = 0.25, 0.5, 6, 0.9
 """Effective particles, by their number, after the first look and after each narrower one, by a tenth at the least."""
 _MOVES, _MOVE = 4, np.array([0.4, 0.4, 0.4 / 5.0])
@@ -137,7 +136,7 @@ def _heading_prior(yaw: NDArray[np.float64], assets: Assets) -> NDArray[np.float
 def _narrowed(
     poses: NDArray[np.float64],
     log_w: NDArray[np.float64],
-    widest_m: float,
+    first_m: float,
     beams: Beams,
     assets: Assets,
     params: Params,
@@ -166,7 +165,7 @@ def _narrowed(
 
     n, log_sum, frame = params.particles, 0.0, assets.rays.frame
     allowed = region.only(assets.grid.cells.shape, frame, assets.start_xy)
-    sigma_m = narrowest(log_w, widest_m, _FIRST_SHARE * n)
+    sigma_m = narrowest(log_w, first_m, _FIRST_SHARE * n)
     log_w = log_w + fit(poses, sigma_m)
     while True:
         weights, log_mean = normalize(log_w)

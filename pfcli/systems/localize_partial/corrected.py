@@ -20,8 +20,8 @@ from pfcli.systems.pace import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
-_TOO_LITTLE = 1e-7
-"""Mass that is not worth candidates: it waits in the class that it is in."""
+_BACK = 1e-7
+"""Mass of class 6 from which it is gathered."""
 _GIVEN_UP = 1e-3
 """A class of less mass has been left for long: no slip of this step explains that."""
 _ASKED, _SETTLED_M, _SETTLED_SHARE = 64, 0.5, 0.9
@@ -92,7 +92,7 @@ def _come_back(
     """Class 6 after a long way outside is spread over metres: gather it where the scan fits."""
     back = label == 6
     mass = float(weight[back].sum())
-    if mass <= _TOO_LITTLE:
+    if mass <= _BACK:
         return pose, label, weight
     rng = draw(Purpose.INJECT, reading.stamp_ns)
     wanted = max(int(back.sum()), kernels.worth(mass, params.frontier_samples, params.min_particles))
@@ -126,18 +126,15 @@ def _arrive(
     transition *= 1.0 - carried
     transition[:, 1] += carried * rows
     entering = b1 * (1.0 - float(np.exp(-way / params.entry_length_m)))
-    if max(entering, b1 * carried) <= _TOO_LITTLE:
-        transition[1, 1] += b1
-        return pose, label, weight, b1 + lost
     fresh = []
     region, rng = assets.region, draw(Purpose.INJECT, reading.stamp_ns)
     wanted = kernels.worth(b1, params.frontier_samples, params.min_particles)
-    count = band_count(region, moved, step_noise(moved, params)) if entering > _TOO_LITTLE else 0
+    count = band_count(region, moved, step_noise(moved, params)) if entering > 0.0 and b1 > _NEGLIGIBLE else 0
     if count:
         u = rng.random((2 * wanted, 4))
         found = kernels.entries(region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True)
         fresh.append((2, entering, found[:wanted]))
-    if b1 * carried > _TOO_LITTLE:
+    if carried > 0.0 and b1 > _NEGLIGIBLE:
         fresh.append((3, b1 * carried, particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)))
     left = b1
     for k, mass, poses in fresh:

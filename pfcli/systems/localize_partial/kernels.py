@@ -132,7 +132,7 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
         if m == 0 or mass <= negligible:
             continue
         # an entry starts with little weight and must live until the map has spoken; an exit is tracked by odometry alone
-        limit = most if k == 2 or k == 3 else worth(mass, most if k == 6 else most // 10, least)
+        limit = most if k == 2 or k == 3 else worth(mass, most if k == 6 else max(min(least, most), most // 10), least)
         if m <= limit and mass * mass >= share * m * squares:
             for j in range(m):
                 new_poses[count], new_classes[count], new_weights[count] = poses[members[j]], k, weights[members[j]]
@@ -140,11 +140,11 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
             continue
         cluster = members[:m]
         wanted = limit
-        if error > 0.0:
-            # bins of those who would be drawn if `limit` were
-            bins = occupied_bins(poses, cluster[weights[cluster] * limit >= 0.5 * mass], side_m, side_rad)
-            wanted = max(min(least, limit), min(limit, bound(bins, error, 2.33)))
         chosen = cluster[choose(weights[cluster], u[k], wanted)]
+        if error > 0.0:
+            bins = occupied_bins(poses, chosen, side_m, side_rad)
+            wanted = max(min(least, limit), min(limit, bound(bins, error, 2.33)))
+            chosen = cluster[choose(weights[cluster], u[k], wanted)]
         for j in range(wanted):
             new_poses[count], new_classes[count], new_weights[count] = poses[chosen[j]], k, mass / wanted
             count += 1

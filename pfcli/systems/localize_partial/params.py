@@ -19,11 +19,15 @@ class Params:
         ),
     ] = "corrected"
     particles: Annotated[int, Opt("most particles of a cluster", "", 1, 1_000_000)] = 50_000
-    min_particles: Annotated[int, Opt("fewest particles of a cluster that holds mass", "", 1, 1_000_000)] = 200
+    min_particles: Annotated[
+        int, Opt("fewest particles of a cluster that holds mass, and candidates (corrected)", "", 1, 1_000_000)
+    ] = 200
     start_density_per_m2: Annotated[float, Opt("particles at an unknown start, per free area", "1/m^2", 0.1, 1e5)] = (
         100.0
     )
-    frontier_samples: Annotated[int, Opt("fresh candidates at the frontiers per update (N2)", "", 1, 1_000_000)] = 4000
+    frontier_samples: Annotated[
+        int, Opt("fresh candidates at the frontiers per update (N2); corrected: at the most", "", 1, 1_000_000)
+    ] = 4000
     update_distance_m: Annotated[float, Opt("a scan updates the filter after this way", "m", 0, 100)] = 0.1
     update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.1
     entry_length_m: Annotated[float, Opt("mean way outside before a robot enters (corrected)", "m", 0.01, 1e6)] = 20.0
