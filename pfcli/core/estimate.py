@@ -64,6 +64,15 @@ def _fill(poses, weights, side_m, side_rad, slots, heaviest):  # type: ignore[no
 
 
 @kernel
+def _twice_around(poses, weights, reach_m, reach_rad, mean, cov):  # type: ignore[no-untyped-def]
+    """`_around` the mean (3,) that is given, and once more around the one that was found."""
+    mass = 0.0
+    for _ in range(2):
+        mass = _around(poses, weights, mean.copy(), reach_m, reach_rad, mean, cov)
+    return mass
+
+
+@kernel
 def _best_around(poses, weights, slots, heaviest, reach_m, reach_rad, pose, cov):  # type: ignore[no-untyped-def]
     """The heaviest neighbourhood of the heaviest bins, the first of equals; consumes `slots`, returns its weight."""
     best = 0.0
@@ -74,9 +83,8 @@ def _best_around(poses, weights, slots, heaviest, reach_m, reach_rad, pose, cov)
         if slots[slot] <= 0.0 or best >= _ALL:
             break
         slots[slot] = 0.0
-        mean[:], mass = poses[heaviest[slot]], 0.0
-        for _ in range(2):
-            mass = _around(poses, weights, mean.copy(), reach_m, reach_rad, mean, spread)
+        mean[:] = poses[heaviest[slot]]
+        mass = _twice_around(poses, weights, reach_m, reach_rad, mean, spread)
         if mass > best:
             best = mass
             pose[:], cov[:] = mean, spread
@@ -101,9 +109,7 @@ def around(
 ) -> PoseEstimate:
     """The hypothesis within reach of `centre` (3,), which is its own mean where there is none. poses: (n, 3); weights: (n,)."""
     mean, cov = centre.copy(), np.zeros((3, 3))
-    mass = 0.0
-    for _ in range(2):
-        mass = _around(poses, weights, mean.copy(), reach_m, reach_rad, mean, cov)
+    mass = _twice_around(poses, weights, reach_m, reach_rad, mean, cov)
     return PoseEstimate(mean, cov, float(mass))
 
 

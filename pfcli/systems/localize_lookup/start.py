@@ -155,7 +155,7 @@ def _narrowed(
     def narrowest(base: NDArray[np.float64], high: float, n_eff: float) -> float:
         """The smallest spread whose weights leave so many effective particles."""
         low, least = params.sigma_hit_m, _LEAST_STEP * high
-        if effective_sample_size(normalize(base + fit(poses, low))[0]) >= n_eff:
+        if high <= low or effective_sample_size(normalize(base + fit(poses, low))[0]) >= n_eff:
             return low
         for _ in range(_HALVINGS):
             middle = math.sqrt(low * high)
