@@ -21,9 +21,6 @@ from pfcli.errors import LogError, OutputError, UsageError
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
-pytestmark = pytest.mark.xdist_group(
-    "batch"
-)  # on one worker: elsewhere the same kernels would be compiled at the same time
 SWEEP = """
 logs = ["*.mcap"]
 systems = ["slam-gdr"]

@@ -41,7 +41,6 @@ def test_python_examples_run(tmp_path: Path, pfcli: object, sample: object) -> N
     assert "/odom" in pfcli("info", tmp_path / "robot.mcap").stdout  # type: ignore[operator]
 
 
-@pytest.mark.xdist_group("batch")
 def test_the_shell_examples_of_batches_run(tmp_path: Path) -> None:
     for name in ("sample_logs", "docs"):
         (tmp_path / name).symlink_to(ROOT / name)

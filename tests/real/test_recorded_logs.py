@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import needs
 
-pytestmark = [pytest.mark.real, pytest.mark.xdist_group("real")]
+pytestmark = pytest.mark.real
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
