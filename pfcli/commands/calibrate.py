@@ -58,7 +58,7 @@ def calibrate(
     view = assets.view_of(first, params)
     model = assets.model_of(params, view.range_m)
     rng = rng_for(seed, Purpose.CALIBRATE, 0)
-    found = decision.learn(place.rays, place.free_xy, place.field, model, view, rng, poses)
+    found = decision.learn(place.free_xy, place.field, model, view, rng, poses)
     if not found.slope.any():
         raise LogError(
             f"{map_file}, {log}: too few simulated scans could be compared; is the map of that place, or too small?"

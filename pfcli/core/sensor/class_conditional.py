@@ -1,21 +1,23 @@
 """Likelihood of a scan whose beams hit either mapped obstacles or unknown ones. Akai 2023, section 3.2.
 
 Each beam is a mixture over its class: p(z | x) = p(known) (z_hit N(D; 0, sigma) + z_rand / r_max) + p(unknown) u(r),
-with D the distance of its end point from the nearest mapped surface and u an exponential over the range. An unknown
-obstacle can only stand in front of a mapped one: u is 0 for a beam that would have to pass through a wall, which a coarse
-table of expected ranges tells. Densities are per metre, so that neither the map's resolution nor the number of particles
-changes anything.
+with D the distance of its end point from the nearest mapped surface (likelihood field) or what it reads less or more than
+the expected range (beam model), and u an exponential over the range. An unknown obstacle can only stand in front of a
+mapped one: u is 0 for a beam that would have to pass through a wall, which a coarse table of expected ranges tells, or the
+rays themselves. Densities are per metre, so that neither the map's resolution nor the number of particles changes anything.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.grid.distance import distance_m
+from pfcli.core.grid.raycast import cast
 from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.sensor import range_table
 from pfcli.core.sensor.likelihood_field import grid_frame
+from pfcli.core.sensor.range_beams import Rays, rays_of
 from pfcli.core.sensor.range_table import UNKNOWN, RangeTable, row_at
 from pfcli.core.threads import rows_of, spread
 
@@ -26,7 +28,8 @@ OFF_MAP = 1e3
 class Model(NamedTuple):
     """sigma_m: spread of hits; z_hit, z_rand: shares of hits and of anything among known beams; known: prior of the class;
     rate_per_m: of the exponential of unknown obstacles; range_m: longest reading; mae_top_m: residuals are counted up to
-    this; hit_m: nearer to a surface than this counts as a hit in the share of hits."""
+    this; hit_m: nearer to a surface than this counts as a hit in the share of hits; by_rays: residuals from expected ranges
+    instead of the likelihood field."""
 
     sigma_m: float
     z_hit: float
@@ -36,11 +39,13 @@ class Model(NamedTuple):
     range_m: float
     mae_top_m: float
     hit_m: float
+    by_rays: bool = False
 
 
 class Field(NamedTuple):
     """away: float32 (rows * cols,), distance (m) to the nearest mapped surface, with a border of OFF_MAP; rows, cols;
-    frame: (6,) from map coordinates to cells; yaw_rad of the grid; table: expected ranges, of a coarser grid."""
+    frame: (6,) from map coordinates to cells; yaw_rad of the grid; table: expected ranges, of a coarser grid; rays: the map
+    made ready for exact ones."""
 
     away: NDArray[np.float32]
     rows: int
@@ -48,6 +53,7 @@ class Field(NamedTuple):
     frame: NDArray[np.float64]
     yaw_rad: float
     table: RangeTable
+    rays: Rays
 
 
 class Scan(NamedTuple):
@@ -91,7 +97,8 @@ def build(
     coarse = max(1, round(_COARSE_M / resolution_m))
     table = range_table.build(_coarser(cells, coarse), resolution_m * coarse, origin, _COARSE_BINS, range_m)
     rows, cols = away.shape
-    return Field(away.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]), table)
+    rays = rays_of(cells, resolution_m, origin, range_m)
+    return Field(away.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]), table, rays)
 
 
 def _coarser(cells: NDArray[np.int8], by: int) -> NDArray[np.int8]:
@@ -168,19 +175,48 @@ def _through(ranges, row, frame, yaw, unit_m, pose, sensor, turn, range_m, out):
 
 
 @kernel
-def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, top_m, hit_m, out):  # type: ignore[no-untyped-def]
-    away, rows, cols, frame, yaw, expected = field
+def _by_field(pose, scan, field, distance, through):  # type: ignore[no-untyped-def]
+    """Distance of every end point from the nearest mapped surface, and which beams read beyond one."""
+    away, rows, cols, frame, yaw, expected = field[0]
     ends, range_m, turn, sensor = scan
-    n = ends.shape[1]
-    through = np.empty(n, np.uint8)
+    gx, gy, c, s = _placed(pose, frame, yaw)
+    _through(expected[0], expected[1], expected[2], yaw, expected[3], pose, sensor, turn, range_m, through)
+    for b in range(ends.shape[1]):
+        distance[b] = _away(away, rows, cols, gx, gy, c, s, ends, b)
+
+
+@kernel
+def _by_rays(pose, scan, field, distance, through):  # type: ignore[no-untyped-def]
+    """How much every beam reads less than the first mapped surface, or more than its cell is deep, and which read beyond."""
+    room, cells, frame, yaw, reach_m = field[1]
+    _, range_m, turn, sensor = scan
+    cell_m = 1.0 / np.hypot(frame[0], frame[3])
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    x, y = pose[0] + c * sensor[0] - s * sensor[1], pose[1] + s * sensor[0] + c * sensor[1]
+    gx, gy = frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]
+    for b in range(turn.size):
+        angle = pose[2] - yaw + 2.0 * np.pi * turn[b]
+        expected = cast(room, cells, gx, gy, np.cos(angle), np.sin(angle), reach_m / cell_m) * cell_m
+        beyond = range_m[b] - expected
+        met = 0.0 <= expected < np.inf
+        distance[b] = max(-beyond, beyond - cell_m, 0.0) if met else OFF_MAP
+        through[b] = met and beyond > _MARGIN_M
+
+
+@kernel
+def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, model, out):  # type: ignore[no-untyped-def]
+    n = scan[0].shape[1]
+    distance, through = np.empty(n, np.float32), np.empty(n, np.uint8)
     for i in range(low, high):
-        gx, gy, c, s = _placed(poses[i], frame, yaw)
-        _through(expected[0], expected[1], expected[2], yaw, expected[3], poses[i], sensor, turn, range_m, through)
+        if model.by_rays:
+            _by_rays(poses[i], scan, field, distance, through)
+        else:
+            _by_field(poses[i], scan, field, distance, through)
         total, product, residual, on_map, hits, beyond = 0.0, 1.0, 0.0, 0, 0, 0
         for b in range(n):
-            d = _away(away, rows, cols, gx, gy, c, s, ends, b)
-            passes = through[b] == 2 or (through[b] == 1 and d > hit_m)
-            hit = d <= hit_m and not passes
+            d = distance[b]
+            passes = through[b] == 2 or (through[b] == 1 and d > model.hit_m)
+            hit = d <= model.hit_m and not passes
             product *= table[table.size - 1] if passes else table[min(np.int64(d * per_m), table.size - 1)] + unknown[b]
             if b % 8 == 7:
                 # one logarithm for eight beams: their product stays within the range of a double
@@ -189,17 +225,18 @@ def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, top_m, hit_m
             beyond += passes
             hits += hit
             if d < 999.0:
-                residual += min(d, top_m)
+                residual += min(d, model.mae_top_m)
                 on_map += 1
         out[i, 0] = total + np.log(product)
         out[i, 1] = residual / on_map if on_map else np.nan
         out[i, 2], out[i, 3] = hits / n, beyond / n
 
 
-def _packed(field: Field) -> tuple[object, ...]:
-    table = field.table
+def _packed(field: Field) -> tuple[Any, Any]:
+    table, rays = field.table, field.rays
     expected = (table.ranges, table.row, table.frame, table.unit_m)
-    return field.away, field.rows, field.cols, field.frame, field.yaw_rad, expected
+    by_field = (field.away, field.rows, field.cols, field.frame, field.yaw_rad, expected)
+    return by_field, (rays.room, rays.cells, rays.frame, rays.yaw_rad, rays.range_m)
 
 
 def _densities(scan: Scan, model: Model) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
@@ -209,31 +246,41 @@ def _densities(scan: Scan, model: Model) -> tuple[NDArray[np.float64], NDArray[n
     return unknown, _hit_table(model, step_m, _TABLE), 1.0 / step_m
 
 
+def packed(scan: Scan, field: Field, model: Model) -> tuple[Any, NDArray[np.float32], float, NDArray[np.float64]]:
+    """For kernels that look beams up in the likelihood field: its cells, the density of a hit by steps of distance, steps
+    per metre, and the density (b,) of an unknown obstacle at each beam's range."""
+    unknown, table, per_m = _densities(scan, model)
+    return _packed(field)[0], table, per_m, unknown
+
+
 def fit(poses: NDArray[np.float64], scan: Scan, field: Field, model: Model) -> Fit:
     """How a scan fits poses (n, 3)."""
     out = np.empty((poses.shape[0], 4))
     unknown, table, per_m = _densities(scan, model)
-    arguments = (poses, tuple(scan), unknown, _packed(field), table, per_m, model.mae_top_m, model.hit_m)
+    arguments = (poses, tuple(scan), unknown, _packed(field), table, per_m, model)
     spread(_fit_rows, poses.shape[0], *arguments, out, least=rows_of(2 * scan.range_m.size))
     return Fit(out[:, 0], out[:, 1], out[:, 2], out[:, 3])
 
 
 class Classes(NamedTuple):
     """Of every beam (b,): p_unknown, posterior of the class (eq. (3)); away_m: distance of its end point from the nearest
-    mapped surface."""
+    mapped surface (by_rays: from the expected range)."""
 
     p_unknown: NDArray[np.float64]
     away_m: NDArray[np.float64]
 
 
 @kernel
-def _classes(pose, ends, unknown, field, table, per_m, posterior, distance):  # type: ignore[no-untyped-def]
-    away, rows, cols, frame, yaw, _ = field
-    gx, gy, c, s = _placed(pose, frame, yaw)
-    for b in range(ends.shape[1]):
-        distance[b] = _away(away, rows, cols, gx, gy, c, s, ends, b)
-        known = table[min(np.int64(distance[b] * per_m), table.size - 1)]
-        posterior[b] = unknown[b] / (known + unknown[b])
+def _classes(pose, scan, unknown, field, table, per_m, by_rays, posterior, distance):  # type: ignore[no-untyped-def]
+    n = scan[0].shape[1]
+    found, through = np.empty(n, np.float32), np.empty(n, np.uint8)
+    if by_rays:
+        _by_rays(pose, scan, field, found, through)
+    else:
+        _by_field(pose, scan, field, found, through)
+    for b in range(n):
+        known = table[min(np.int64(found[b] * per_m), table.size - 1)]
+        posterior[b], distance[b] = unknown[b] / (known + unknown[b]), found[b]
 
 
 def classes(pose: NDArray[np.float64], scan: Scan, field: Field, model: Model) -> Classes:
@@ -243,5 +290,5 @@ def classes(pose: NDArray[np.float64], scan: Scan, field: Field, model: Model) -
     """
     unknown, table, per_m = _densities(scan, model)
     found = Classes(np.empty(scan.range_m.size), np.empty(scan.range_m.size))
-    _classes(pose, scan.ends, unknown, _packed(field), table, per_m, *found)
+    _classes(pose, tuple(scan), unknown, _packed(field), table, per_m, model.by_rays, *found)
     return found

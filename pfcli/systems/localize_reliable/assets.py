@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from pfcli.core.grid.free_space import Features, features_of
 from pfcli.core.grid.region import region_of
 from pfcli.core.grid.scan_points import points_of
-from pfcli.core.sensor import class_conditional, range_beams
+from pfcli.core.sensor import class_conditional
 from pfcli.core.sensor.class_conditional import Field, Model, Scan
-from pfcli.core.sensor.range_beams import Rays
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
@@ -24,12 +23,11 @@ _HIT_SIGMAS = 3.0
 
 
 class Assets(NamedTuple):
-    """The map in all forms: field of distances, free-space features, rays; where to start; digest of the map."""
+    """The map in all forms: field of distances and rays, free-space features; where to start; digest of the map."""
 
     grid: GridMap
     field: Field
     features: Features
-    rays: Rays
     start_xy: NDArray[np.float64]
     free_xy: NDArray[np.float64]
     initial: Initial
@@ -52,9 +50,8 @@ def load(params: Params, job: Any) -> Assets:
     field = class_conditional.build(grid.cells, grid.resolution_m, grid.origin)
     flat = grid._replace(origin=grid.origin._replace(yaw_rad=0.0))
     features = features_of(flat.cells != 0, flat.cells == 0, flat.resolution_m, flat.origin[:2])
-    rays = range_beams.rays_of(grid.cells, grid.resolution_m, grid.origin, 30.0)
     cells = start_cells(region, job.initial, job.map)
-    return Assets(grid, field, _turned(features, grid), rays, cells, region.free_xy, job.initial, map_yaml.digest(grid))
+    return Assets(grid, field, _turned(features, grid), cells, region.free_xy, job.initial, map_yaml.digest(grid))
 
 
 def _turned(features: Features, grid: GridMap) -> Features:
@@ -80,6 +77,7 @@ def model_of(params: Params, range_m: float) -> Model:
         range_m,
         params.mae_top_m,
         _HIT_SIGMAS * params.sigma_hit_m,
+        params.range_model == "beam",
     )
 
 

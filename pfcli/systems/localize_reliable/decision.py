@@ -24,7 +24,9 @@ SUCCESS_M, SUCCESS_RAD = 0.25, np.radians(5.0)
 _LEAST_M, _LEAST_SHARE = 0.01, 0.01
 _TRACKED = np.array([0.05, 0.05, np.radians(1.5)])
 """What a tracker that succeeds errs by (m, m, rad)."""
-_WRONG = 200
+_WRONG, _BEST, _AROUND = 1000, 5, 50
+"""Wrong places that are tried, how many of the best are looked at closely, and at how many poses around each."""
+_WIDE_M, _NEAR = 0.2, np.array([0.1, 0.1, 0.04])
 _MOST_BLOCKED = 0.8
 """Share of the beams before which unknown obstacles stand in the worst simulated scan."""
 _MOST = 6.0
@@ -61,13 +63,12 @@ class View(NamedTuple):
 
 
 def learn(
-    rays: Rays,
     free_xy: NDArray[np.float64],
     field: Field,
     model: Model,
     view: View,
     rng: np.random.Generator,
-    poses: int = 1500,
+    poses: int = 750,
 ) -> Classifier:
     """Simulate scans at random free places, with obstacles that the map lacks before 0 to 80 % of the beams, and compare
     them with the map from poses that are right, within what a tracker errs by, and from poses that are not: the best of
@@ -75,20 +76,14 @@ def learn(
     d_good, d_bad = [], []
     for k in range(poses):
         true = np.array([*free_xy[rng.integers(free_xy.shape[0])], rng.uniform(-np.pi, np.pi)])
-        scan = _scan(true, rays, view, rng)
+        scan = _scan(true, field.rays, view, rng)
         if scan.range_m.size < 5:
             continue
         good = true + np.clip(rng.standard_normal(3), -2.0, 2.0) * _TRACKED
         if k % 4:
-            bad = np.column_stack(
-                [free_xy[rng.integers(free_xy.shape[0], size=_WRONG)], rng.uniform(-np.pi, np.pi, _WRONG)]
-            )
-            bad = bad[np.hypot(*(bad - true)[:, :2].T) > 4 * SUCCESS_M]
-            if bad.shape[0] == 0:
+            bad = _lost(true, scan, free_xy, field, model, rng)
+            if bad is None:
                 continue
-            bad = bad[
-                [int(np.argmax(class_conditional.fit(bad, scan, field, model._replace(sigma_m=0.2)).log_likelihood))]
-            ]
         else:
             away, turn = rng.uniform(SUCCESS_M, 4 * SUCCESS_M), rng.uniform(-np.pi, np.pi)
             off = np.array([away * np.cos(turn), away * np.sin(turn), rng.normal(0, 2 * SUCCESS_RAD)])
@@ -98,6 +93,30 @@ def learn(
             d_good.append(d[0])
             d_bad.append(d[1])
     return _separate(np.array(d_good), np.array(d_bad), view)
+
+
+def _lost(
+    true: NDArray[np.float64],
+    scan: Scan,
+    free_xy: NDArray[np.float64],
+    field: Field,
+    model: Model,
+    rng: np.random.Generator,
+) -> NDArray[np.float64] | None:
+    """(1, 3) where a filter that is lost settles: the best of many wrong places, looked at closely."""
+    xy = free_xy[rng.integers(free_xy.shape[0], size=_WRONG)]
+    bad = np.column_stack([xy, rng.uniform(-np.pi, np.pi, _WRONG)])
+    for wide in (True, False):
+        bad = bad[np.hypot(*(bad - true)[:, :2].T) > 4 * SUCCESS_M]
+        if bad.shape[0] == 0:
+            return None
+        fits = class_conditional.fit(
+            bad, scan, field, model._replace(sigma_m=_WIDE_M, by_rays=False) if wide else model
+        )
+        best = bad[np.argsort(-fits.log_likelihood, kind="stable")[:_BEST]]
+        bad = np.repeat(best, _AROUND, axis=0)
+        bad = bad + _NEAR * rng.standard_normal(bad.shape)
+    return np.asarray(best[:1])
 
 
 def _scan(true: NDArray[np.float64], rays: Rays, view: View, rng: np.random.Generator) -> Scan:

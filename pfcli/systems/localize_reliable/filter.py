@@ -20,7 +20,7 @@ from pfcli.events import Sweep
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_reliable import decision, sampler, start
+from pfcli.systems.localize_reliable import decision, novelty, proposal, sampler, start
 from pfcli.systems.localize_reliable.assets import Assets, gain_of, load, model_of, reach_m, scan_of
 from pfcli.systems.localize_reliable.decision import Classifier
 from pfcli.systems.localize_reliable.params import Params
@@ -32,11 +32,14 @@ from pfcli.systems.result import Result
 from pfcli.systems.track import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
+_CARRIED = 0.3
+"""Share of a scan that is new when the robot was carried, or its wheels have slipped."""
 
 
 class Info(NamedTuple):
     """One update, as a row of `metrics.parquet`; mae_m, hits, through, unknown_share, misaligned: of the scan at the
-    estimate; gl_*: global samples drawn, their matches of key points, and their share of the mass."""
+    estimate; gl_*: global samples drawn, their matches of key points, and their share of the mass; new_share: of the beams,
+    that no key scan showed before."""
 
     t_ns: int
     p_success: float
@@ -52,6 +55,7 @@ class Info(NamedTuple):
     gl_drawn: int
     gl_matches: int
     gl_mass: float
+    new_share: float
     log_evidence: float
     resampled: bool
     way_m: float
@@ -114,10 +118,14 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     else:
         state = _predict(state, moved, sweep.stamp_ns, params, draw)
     state = state._replace(odometry=now, way_m=state.way_m + way)
-    key = sampler.KeyScan(now, scan.sensor, points)
+    new = novelty.share(scan.ends, scan.sensor, now, state.history)
+    if new > _CARRIED:
+        state.history.clear()  # earlier scans do not lie where odometry says
+    worth = min(1.0, new / gain_of(params, scan)) if params.new_only else 1.0
+    key = sampler.KeyScan(now, scan.sensor, points, scan, worth)
     sampler.remember(state.history, key, params.gl_steps + 1)
     state, drawn, matches = _weigh(state, scan, key, sweep.stamp_ns, model, assets, params, draw)
-    return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, moved))
+    return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, new, moved))
 
 
 def _begin(state: State, scan: Scan, sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> State:
@@ -145,13 +153,29 @@ def _predict(state: State, moved: NDArray[np.float64], stamp_ns: int, params: Pa
 def _judge(
     fit: Fit, reliability: NDArray[np.float64], gain: float, found: Classifier | None, params: Params
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n,) log p(z, d | x) up to a constant, and p(success) after the scan. Akai 2023, eqs (2) and (4)."""
+    """(n,) log p(z, d | x) up to a constant, and p(success) after the scan. Akai 2023, eqs (2) and (4).
+
+    d is a function of z, so that weighing by both counts the residuals twice: the decision weighs only if asked to.
+    """
+    log = gain * fit.log_likelihood
     if found is None:
-        return gain * fit.log_likelihood, reliability
+        return log, reliability
     ratio = np.exp(params.decision_gain * decision.log_ratio(fit, found))
     both = reliability * ratio + (1.0 - reliability)
     top = params.reliability_top
-    return gain * fit.log_likelihood + np.log(both), np.clip(reliability * ratio / both, 1.0 - top, top)
+    if params.decision_weighs:
+        log = log + np.log(both)
+    return log, np.clip(reliability * ratio / both, 1.0 - top, top)
+
+
+def _rivalry(state: State, log: NDArray[np.float64], worth: float) -> NDArray[np.float64]:
+    """(n,) log weights after a scan: within what is believed, and among its rivals, the whole of it counts; between the
+    two the share that it is worth beside the key scans."""
+    rival, after = ~state.believed, state.log_w + log
+    if not rival.any() or rival.all():
+        return after
+    for_rivals, against = (normalize(after[k])[1] - normalize(state.log_w[k])[1] for k in (rival, state.believed))
+    return after - np.where(rival, (1.0 - worth) * (for_rivals - against), 0.0)
 
 
 def _weigh(
@@ -166,30 +190,55 @@ def _weigh(
 ) -> tuple[State, int, int]:
     """The scan weighs the particles, and the global samples beside them where these are due."""
     gain = gain_of(params, scan)
-    fit = class_conditional.fit(state.pose, scan, assets.field, model)
-    log, reliability = _judge(fit, state.reliability, gain, state.classifier, params)
-    sure = float(np.exp(state.log_w) @ state.reliability)
-    log_w = state.log_w + log - np.where(state.believed, 0.0, params.rival_cost)
-    due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
-    if not due or (params.gl_gate and sure >= 0.5):
-        return state._replace(log_w=log_w, reliability=reliability), 0, 0
-    rng = draw(Purpose.INJECT, stamp_ns)
-    found, matches = sampler.candidates(state.history, key, assets.features, assets.free_xy, rng)
-    found = sampler.gather(found, sampler.STAGES, params.gl_samples, scan, assets.field, model, gain, rng)
     prior = np.exp(state.log_w)
+
+    def judged(pose: NDArray[np.float64], reliability: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        fit = class_conditional.fit(pose, scan, assets.field, model)
+        return _judge(fit, reliability, gain, state.classifier, params)
+
+    log, reliability = judged(state.pose, state.reliability)
+    weighed = state._replace(log_w=_rivalry(state, log, key.worth), reliability=reliability)
+    if params.match_samples:
+        own = state.believed
+        mass = float(prior[own].sum())
+        around = proposal.gaussian_of(state.pose[own], prior[own])
+        found = proposal.match(around, scan, assets.field, model, gain)
+        rng = draw(Purpose.PROPOSAL, stamp_ns)
+        pose, importance = proposal.draw(around, found, params.match_samples, params.match_slip, rng)
+        mean = float(prior[own] @ state.reliability[own]) / mass
+        log, fresh = judged(pose, np.full(pose.shape[0], mean))
+        weighed = _joined(weighed, pose, importance + np.log(mass / pose.shape[0]) + log, fresh, True)
+    due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
+    if not due or (params.gl_gate and float(prior @ state.reliability) >= 0.5):
+        return weighed, 0, 0
+    rng = draw(Purpose.INJECT, stamp_ns)
+    pose, matches = sampler.candidates(state.history, key, assets.features, assets.free_xy, rng)
+    pose = sampler.gather(pose, sampler.STAGES, params.gl_samples, scan, assets.field, model, gain, rng)
     area = assets.free_xy.shape[0] * assets.grid.resolution_m**2
-    importance = sampler.log_importance(found, state.pose, prior, params.gl_uniform, area)
-    fit = class_conditional.fit(found, scan, assets.field, model)
-    log, fresh = _judge(fit, np.full(found.shape[0], 0.5), gain, state.classifier, params)
-    joined = np.concatenate([log_w, importance - np.log(found.shape[0]) + log])
-    state = state._replace(
-        pose=np.concatenate([state.pose, found]),
-        log_w=joined,
-        reliability=np.concatenate([reliability, fresh]),
-        believed=np.concatenate([state.believed, np.zeros(found.shape[0], np.bool_)]),
-        sampled_ns=stamp_ns,
+    importance = sampler.log_importance(pose, state.pose, prior, params.gl_uniform, area)
+    # key scans end where the robot may have been carried: since then a robot here has seen what the believed one has
+    own = state.pose[int(np.argmax(np.where(state.believed, weighed.log_w[: state.pose.shape[0]], -np.inf)))]
+    past = sampler.past_evidence(np.vstack([pose, own]), state.history, key, assets.field, model, gain)
+    importance += past[:-1] - past[-1]
+    log, fresh = judged(pose, np.full(pose.shape[0], 0.5))
+    weighed = _joined(weighed, pose, importance - np.log(pose.shape[0]) + log, fresh, False)
+    return weighed._replace(sampled_ns=stamp_ns), pose.shape[0], matches
+
+
+def _joined(
+    state: State,
+    pose: NDArray[np.float64],
+    log_w: NDArray[np.float64],
+    reliability: NDArray[np.float64],
+    believed: bool,
+) -> State:
+    """The particles and more of them, weights on one scale."""
+    return state._replace(
+        pose=np.concatenate([state.pose, pose]),
+        log_w=np.concatenate([state.log_w, log_w]),
+        reliability=np.concatenate([state.reliability, reliability]),
+        believed=np.concatenate([state.believed, np.full(pose.shape[0], believed)]),
     )
-    return state, found.shape[0], matches
 
 
 def _conclude(
@@ -200,10 +249,11 @@ def _conclude(
     assets: Assets,
     params: Params,
     draw: Draw,
-    done: tuple[int, int, NDArray[np.float64]],
+    done: tuple[int, int, float, NDArray[np.float64]],
 ) -> tuple[State, Info]:
-    """Estimate pose, classes and success, record, resample from the union. done: samples drawn, matches, the step."""
-    drawn, matches, moved = done
+    """Estimate pose, classes and success, record, resample from the union. done: samples drawn, matches, share that
+    is new, the step."""
+    drawn, matches, new, moved = done
     weights, log_evidence = normalize(state.log_w)
     found = estimate.densest(state.pose, weights, _MODE_M, _MODE_RAD)
     inside = estimate.members(state.pose, found.pose, _MODE_M, _MODE_RAD)
@@ -235,13 +285,12 @@ def _conclude(
         gl_drawn=drawn,
         gl_matches=matches,
         gl_mass=float(weights[weights.size - drawn :].sum()) if drawn else 0.0,
+        new_share=new,
         log_evidence=log_evidence,
         resampled=bool(resample),
         way_m=state.way_m,
         beams=scan.range_m.size,
     )
-    if state.classifier is not None and p_success < 0.5 and len(state.history) > 1:
-        del state.history[:-1]  # if the robot was carried, earlier scans are joined to the newest one wrongly
     if not resample:
         return state._replace(log_w=np.log(np.maximum(weights, 1e-300)), believed=np.asarray(inside)), info
     u = draw(Purpose.RESAMPLE, sweep.stamp_ns).random(2)

@@ -26,8 +26,18 @@ class Params:
     unknown_rate_per_m: Annotated[float, Opt("unknown obstacles: rate of their exponential", "1/m", 1e-4, 10)] = 0.2
     unknown_threshold: Annotated[float, Opt("a beam is called unknown above this posterior", "", 0, 1)] = 0.5
     independent_beams: Annotated[float, Opt("how many independent beams a scan is worth", "", 0.1, 1e4)] = 12.0
+    range_model: Annotated[
+        str,
+        Opt(
+            "residual of a beam: of its end point in the likelihood field, or of its range from the expected one",
+            choices=("field", "beam"),
+        ),
+    ] = "field"
     mae_top_m: Annotated[float, Opt("residuals count up to this", "m", 0.01, 100)] = 1.0
-    estimate_reliability: Annotated[bool, Opt("estimate p(success) and let it weigh the particles")] = True
+    estimate_reliability: Annotated[bool, Opt("estimate p(success)")] = True
+    decision_weighs: Annotated[
+        bool, Opt("let p(success) weigh the particles beside the scan, as printed: the residuals then count twice")
+    ] = False
     classifier: Annotated[
         str, Opt("decision model from `pfcli calibrate`; empty: learnt from the map at the start")
     ] = ""
@@ -40,7 +50,7 @@ class Params:
     gl_period: Annotated[float, Opt("log time between two global samplings", "s", 0, 1e6)] = 1.0
     gl_steps: Annotated[int, Opt("earlier key scans joined to the newest one for it (N)", "", 0, 100)] = 5
     gl_samples: Annotated[int, Opt("global samples", "", 1, 100_000)] = 200
-    gl_uniform: Annotated[float, Opt("share of the prediction that may be anywhere in the map", "", 1e-12, 0.5)] = 1e-8
+    gl_uniform: Annotated[float, Opt("share of the prediction that may be anywhere in the map", "", 1e-12, 0.5)] = 1e-5
     rivals: Annotated[
         int,
         Opt(
@@ -50,15 +60,13 @@ class Params:
             100_000,
         ),
     ] = 200
-    rival_cost: Annotated[
-        float,
-        Opt(
-            "log evidence that a rival must be better by, scan after scan: a cluttered view fits elsewhere too",
-            "",
-            0,
-            100,
-        ),
-    ] = 3.0
+    new_only: Annotated[
+        bool, Opt("what earlier scans showed already is no evidence between the believed place and its rivals")
+    ] = True
+    match_samples: Annotated[
+        int, Opt("particles drawn around the optimum of a scan match, by importance; 0 matches none", "", 0, 100_000)
+    ] = 0
+    match_slip: Annotated[float, Opt("probability that the odometry has slipped between updates", "", 1e-9, 0.5)] = 1e-3
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share", "", 0, 1)] = 0.5
     beams_table: Annotated[bool, Opt("keep p(unknown) of every beam in beams.parquet")] = False
     motion_xy_per_m: XyPerM = 0.1

@@ -25,11 +25,14 @@ _KERNEL_M, _KERNEL_RAD = 0.1, 0.05
 
 
 class KeyScan(NamedTuple):
-    """odometry (1, 3) where it was taken; sensor (2,) and end points (b, 2) in the base frame (m)."""
+    """odometry (1, 3) where it was taken; sensor (2,) and end points (b, 2) in the base frame (m); scan: the beams of them
+    that the filter uses; worth: what it says beyond the key scans before it, as a share of what a scan says."""
 
     odometry: NDArray[np.float64]
     sensor: NDArray[np.float64]
     ends: NDArray[np.float64]
+    scan: Scan
+    worth: float
 
 
 def remember(history: list[KeyScan], scan: KeyScan, most: int) -> None:
@@ -61,6 +64,19 @@ def candidates(
     return np.column_stack([xy, rng.uniform(-np.pi, np.pi, _CANDIDATES)]), 0
 
 
+def past_evidence(
+    poses: NDArray[np.float64], history: list[KeyScan], now: KeyScan, field: Field, model: Model, gain: float
+) -> NDArray[np.float64]:
+    """(n,) what the key scans before `now` say for a robot at poses (n, 3) that came there as odometry tells: each as much as
+    it showed something new."""
+    total = np.zeros(poses.shape[0])
+    for key in history:
+        if key is not now:
+            there = compose(poses, between(now.odometry, key.odometry))
+            total += key.worth * gain * class_conditional.fit(there, key.scan, field, model).log_likelihood
+    return total
+
+
 def gather(
     poses: NDArray[np.float64],
     stages: tuple[tuple[float, float, float], ...],
@@ -77,7 +93,7 @@ def gather(
     """
     before = np.zeros(poses.shape[0])
     for sigma_m, jitter_m, jitter_rad in stages:
-        wide = model._replace(sigma_m=sigma_m)
+        wide = model._replace(sigma_m=sigma_m, by_rays=False)
         log = gain * class_conditional.fit(poses, scan, field, wide).log_likelihood
         weights, _ = normalize(log - before)
         poses = poses[systematic.choose(weights, rng.random(), wanted)]

@@ -36,4 +36,4 @@ def classifier_for(sweep: Sweep, model: Model, assets: Assets, params: Params, d
     if params.classifier:
         return decision.load(Path(params.classifier), assets.digest, view)
     rng = draw(Purpose.CALIBRATE, sweep.stamp_ns)
-    return decision.learn(assets.rays, assets.free_xy, assets.field, model, view, rng)
+    return decision.learn(assets.free_xy, assets.field, model, view, rng)

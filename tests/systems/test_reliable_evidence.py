@@ -1,0 +1,149 @@
+"""What scans say between places: what is new in them, how much that counts, and particles around a scan match."""
+
+import numpy as np
+import pytest
+
+from pfcli.core.grid.raycast import cast_many
+from pfcli.core.sensor import class_conditional as cc
+from pfcli.systems.localize_reliable import novelty, proposal, sampler
+from pfcli.systems.localize_reliable.filter import State, _rivalry
+
+MODEL = cc.Model(0.05, 0.98, 0.02, 0.5, 0.2, 20.0, 1.0, 0.15)
+TURN = np.linspace(-np.pi / 2, np.pi / 2, 61)
+
+
+def _cells() -> np.ndarray:
+    cells = np.zeros((120, 160), np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 1
+    cells[40:44, 60:90] = cells[80:100, 30:33] = 1
+    return cells
+
+
+@pytest.fixture(scope="module")
+def field() -> cc.Field:
+    return cc.build(_cells(), 0.05, (0.0, 0.0, 0.0), 20.0)
+
+
+def _scan(field: cc.Field, pose: np.ndarray) -> cc.Scan:
+    """What a scanner sees there, to the middle of the cells that it meets."""
+    at = np.repeat(pose[None, :2] / 0.05, TURN.size, 0)
+    r = cast_many(field.rays.room, field.rays.cells, at, pose[2] + TURN, 400.0) * 0.05 + 0.025
+    return cc.scan_of(np.column_stack([r * np.cos(TURN), r * np.sin(TURN)]), np.zeros(2))
+
+
+def _key(field: cc.Field, pose: np.ndarray, worth: float = 1.0) -> sampler.KeyScan:
+    scan = _scan(field, pose)
+    return sampler.KeyScan(pose[None], np.zeros(2), scan.ends.T.astype(np.float64), scan, worth)
+
+
+def test_what_was_seen_is_not_new_wherever_the_robot_has_gone(field: cc.Field) -> None:
+    first, later = np.array([2.0, 1.2, 0.3]), np.array([2.1, 1.25, 0.4])
+    history = [_key(field, first)]
+    scan = _scan(field, later)
+    assert novelty.share(scan.ends, scan.sensor, first[None], []) == 1.0
+    assert novelty.share(_scan(field, first).ends, scan.sensor, first[None], history) == 0.0
+    # a step away nearly everything was seen; where odometry knows of no step, a scan from elsewhere is new
+    assert novelty.share(scan.ends, scan.sensor, later[None], history) < 0.2
+    elsewhere = _scan(field, np.array([6.0, 4.5, 2.0]))
+    assert novelty.share(elsewhere.ends, scan.sensor, first[None], history) > 0.5
+
+
+def test_the_share_that_is_new_equals_its_slow_definition(field: cc.Field) -> None:
+    rng = np.random.default_rng(1)
+    history = [_key(field, np.array([2.0, 1.5, 0.2])), _key(field, np.array([2.3, 1.6, 0.6]))]
+    for _ in range(20):
+        odometry = np.array([rng.uniform(1.5, 3.0), rng.uniform(1.0, 2.0), rng.uniform(-1.0, 2.0)])
+        scan = _scan(field, odometry + np.array([0.3, 0.0, 0.2]))
+        c, s = np.cos(odometry[2]), np.sin(odometry[2])
+        unseen = 0
+        for x, y in scan.ends.T:
+            there = odometry[:2] + np.array([c * x - s * y, s * x + c * y])
+            near = 0.1 + 0.02 * np.hypot(x, y)
+            best = np.inf
+            for key in history:
+                k = key.odometry[0]
+                for ex, ey in key.ends:
+                    c2, s2 = np.cos(k[2]), np.sin(k[2])
+                    seen = k[:2] + np.array([c2 * ex - s2 * ey, s2 * ex + c2 * ey])
+                    best = min(best, float(np.hypot(*(seen - there))))
+            unseen += best > near
+        assert novelty.share(scan.ends, scan.sensor, odometry[None], history) == pytest.approx(
+            unseen / scan.range_m.size
+        )
+
+
+def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
+    rng = np.random.default_rng(2)
+    believed = np.arange(30) < 20
+    log_w = np.log(rng.dirichlet(np.ones(30)))
+    log = rng.normal(0, 2, 30)
+    state = State(*[None] * len(State._fields))._replace(log_w=log_w, believed=believed)  # type: ignore[arg-type]
+
+    def mass(log_weights: np.ndarray, chosen: np.ndarray) -> float:
+        return float(np.log(np.exp(log_weights[chosen]).sum()))
+
+    gained = mass(log_w + log, ~believed) - mass(log_w, ~believed) - mass(log_w + log, believed) + mass(log_w, believed)
+    for worth in (0.0, 0.3, 1.0):
+        after = _rivalry(state, log, worth)
+        now = mass(after, ~believed) - mass(after, believed)
+        before = mass(log_w, ~believed) - mass(log_w, believed)
+        assert now - before == pytest.approx(worth * gained)
+        for group in (believed, ~believed):  # within each the whole scan counts
+            moved = (after - log_w - log)[group]
+            assert np.ptp(moved) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_place_must_explain_the_key_scans_too(field: cc.Field) -> None:
+    """Evidence of the past, each key scan by its worth, for poses that came the way odometry tells."""
+    path = np.array([[2.0, 1.2, 0.3], [2.3, 1.3, 0.5], [2.6, 1.5, 0.7]])
+    history = [_key(field, pose, worth) for pose, worth in zip(path, (1.0, 0.4, 0.2), strict=True)]
+    wrong = np.array([5.0, 4.5, -1.0])
+    found = sampler.past_evidence(np.vstack([path[-1], wrong]), history, history[-1], field, MODEL, 0.2)
+    slow = sum(
+        0.2 * worth * cc.fit(pose[None], key.scan, field, MODEL).log_likelihood[0]
+        for pose, key, worth in zip(path[:2], history[:2], (1.0, 0.4), strict=True)
+    )
+    assert found[0] == pytest.approx(slow, rel=1e-9)
+    assert found[1] < found[0] - 10.0
+
+
+def test_the_match_finds_where_the_scan_was_taken(field: cc.Field) -> None:
+    true = np.array([2.6, 1.2, 0.4])
+    scan = _scan(field, true)
+    for off in ([0.15, -0.1, 0.06], [-0.2, 0.1, -0.05], [0.0, 0.0, 0.1]):
+        around = proposal.Gaussian(true + off, np.diag([0.05, 0.05, 0.02]) ** 2)
+        found = proposal.match(around, scan, field, MODEL, 0.2)
+        assert np.hypot(*(found.mean - true)[:2]) < 0.025  # half a cell
+        assert abs(found.mean[2] - true[2]) < np.radians(0.5)
+        assert np.linalg.eigvalsh(found.cov).min() > 0.0
+
+
+def test_samples_around_a_match_are_weighed_by_prediction_over_proposal() -> None:
+    """The weights average to the mass of the prediction, and give its mean back, wherever the proposal lies."""
+    around = proposal.Gaussian(np.array([1.0, 2.0, 0.1]), np.diag([0.1, 0.08, 0.05]) ** 2)
+    found = proposal.Gaussian(np.array([1.05, 1.98, 0.12]), np.diag([0.08, 0.08, 0.05]) ** 2)
+    pose, importance = proposal.draw(around, found, 20_000, 1e-9, np.random.default_rng(3))
+    w = np.exp(importance)
+    error = w.std() / np.sqrt(w.size)
+    assert w.mean() == pytest.approx(1.0, abs=5 * error)
+    assert error < 0.02
+    mean = (w[:, None] * pose).sum(axis=0) / w.sum()
+    assert mean == pytest.approx(around.mean, abs=5 * 0.1 * 2 / np.sqrt(w.size))
+
+
+def test_residuals_by_rays_equal_their_slow_definition(field: cc.Field) -> None:
+    """Beam model: what a beam reads less than the first mapped surface, or more than its cell is deep."""
+    rng = np.random.default_rng(4)
+    model = MODEL._replace(by_rays=True)
+    for _ in range(20):
+        pose = np.array([rng.uniform(0.5, 2.5), rng.uniform(0.5, 1.8), rng.uniform(-3, 3)])
+        exact = _scan(field, pose)
+        r = exact.range_m + rng.choice([0.0, -0.6, 0.5], exact.range_m.size)
+        scan = cc.scan_of(np.column_stack([r * np.cos(TURN), r * np.sin(TURN)]), np.zeros(2))
+        away = cc.classes(pose, scan, field, model).away_m
+        expected = exact.range_m - 0.025
+        slow = np.maximum(np.maximum(expected - r, r - expected - 0.05), 0.0)
+        assert away == pytest.approx(slow, abs=1e-3)
+        found = cc.fit(pose[None], scan, field, model)
+        assert found.through[0] == pytest.approx(np.mean(r - expected > 0.3))
+        assert found.mae_m[0] == pytest.approx(np.minimum(slow, 1.0).mean(), abs=1e-3)
