@@ -298,6 +298,10 @@ def switches(seeds: int) -> None:
 
 def steps(logs: int) -> None:
     """The global sampler by the number of earlier key scans that it joins."""
+    print(
+        "| N | kidnappings | p(success) < 0.5 after [s] | noticed [s] | right again: median, 95 %, worst [s] | AUROC | Brier |"
+    )
+    print("|---|---|---|---|---|---|---|")
     for n in (0, 1, 2, 5, 10):
         kidnapped(logs, gl_steps=n)
 

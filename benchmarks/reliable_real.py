@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from pfcli import run
 from pfcli.core.geometry import between, compose
-from pfcli.events import Odometry
+from pfcli.events import Odometry, Pose2
 from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.formats.map_yaml import GridMap
@@ -56,6 +56,8 @@ def without(log: Path, out: Path) -> Path:
     first, before, moved = None, None, None
     with LogWriter(out) as writer:
         for event in Log(log).events(["odometry", "scan"]):
+            if first is None:
+                writer.tf_static(event.stamp_ns, [("base_link", "laser", Pose2())])
             first = event.stamp_ns if first is None else first
             since = (event.stamp_ns - first) * 1e-9
             if CUT_S <= since < CUT_S + GONE_S:

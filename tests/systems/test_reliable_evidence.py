@@ -147,3 +147,12 @@ def test_residuals_by_rays_equal_their_slow_definition(field: cc.Field) -> None:
         found = cc.fit(pose[None], scan, field, model)
         assert found.through[0] == pytest.approx(np.mean(r - expected > 0.3))
         assert found.mae_m[0] == pytest.approx(np.minimum(slow, 1.0).mean(), abs=1e-3)
+
+
+def test_off_the_map_and_in_a_wall_no_ray_sees_anything(field: cc.Field) -> None:
+    scan, model = _scan(field, np.array([2.6, 1.2, 0.4])), MODEL._replace(by_rays=True)
+    poses = np.array([[2.6, 1.2, 0.4], [-3.0, 1.0, 0.4], [3.5, 2.1, 0.4], [5.0, 4.5, -1.0]])
+    found = cc.fit(poses, scan, field, model)
+    assert (found.through[1:3] == 1.0).all()
+    assert int(np.argmax(found.log_likelihood)) == 0
+    assert (found.log_likelihood[1:3] < found.log_likelihood[3]).all()

@@ -194,7 +194,11 @@ def _by_rays(pose, scan, field, distance, through):  # type: ignore[no-untyped-d
     c, s = np.cos(pose[2]), np.sin(pose[2])
     x, y = pose[0] + c * sensor[0] - s * sensor[1], pose[1] + s * sensor[0] + c * sensor[1]
     gx, gy = frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]
+    nowhere = row_at(room, gx, gy) <= 0
     for b in range(turn.size):
+        if nowhere:  # in a wall or off the map nothing can be seen
+            distance[b], through[b] = OFF_MAP, 1
+            continue
         angle = pose[2] - yaw + 2.0 * np.pi * turn[b]
         expected = cast(room, cells, gx, gy, np.cos(angle), np.sin(angle), reach_m / cell_m) * cell_m
         beyond = range_m[b] - expected

@@ -144,11 +144,11 @@ def _scan(true: NDArray[np.float64], rays: Rays, view: View, rng: np.random.Gene
 
 
 def _separate(good: NDArray[np.float64], bad: NDArray[np.float64], view: View) -> Classifier:
-    """Two normal variables with a common covariance and an exponential one; every fourth pair is held out."""
+    """Two normal variables with a common covariance and an exponential one; a fourth of the pairs is held out."""
     sensor = (float(view.angles.size), float(np.ptp(view.angles)), float(view.range_m))
     if good.shape[0] < 20:
         return Classifier(np.zeros(3), 0.0, 0.5, sensor)
-    held = np.arange(good.shape[0]) % 4 == 0
+    held = np.arange(good.shape[0]) // 4 % 4 == 0  # pairs of every kind, which take turns by four
     means = good[~held].mean(axis=0), bad[~held].mean(axis=0)
     spread = (np.cov(good[~held, :2].T) + np.cov(bad[~held, :2].T)) / 2 + 1e-6 * np.eye(2)
     slope = np.linalg.solve(spread, means[0][:2] - means[1][:2])

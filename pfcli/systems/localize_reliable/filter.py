@@ -33,7 +33,9 @@ from pfcli.systems.track import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
 _CARRIED = 0.3
-"""Share of a scan that is new when the robot was carried, or its wheels have slipped."""
+"""Share of a scan that is new, beyond what a turn brings, when the robot was carried or its wheels have slipped."""
+_REMEMBERED = 6
+"""Key scans that tell what is new, at least."""
 
 
 class Info(NamedTuple):
@@ -119,11 +121,11 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
         state = _predict(state, moved, sweep.stamp_ns, params, draw)
     state = state._replace(odometry=now, way_m=state.way_m + way)
     new = novelty.share(scan.ends, scan.sensor, now, state.history)
-    if new > _CARRIED:
+    if new > _CARRIED + novelty.turned_share(sweep.scan, now, state.history):
         state.history.clear()  # earlier scans do not lie where odometry says
     worth = min(1.0, new / gain_of(params, scan)) if params.new_only else 1.0
     key = sampler.KeyScan(now, scan.sensor, points, scan, worth)
-    sampler.remember(state.history, key, params.gl_steps + 1)
+    sampler.remember(state.history, key, max(_REMEMBERED, params.gl_steps + 1))
     state, drawn, matches = _weigh(state, scan, key, sweep.stamp_ns, model, assets, params, draw)
     return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, new, moved))
 
@@ -189,40 +191,52 @@ def _weigh(
     draw: Draw,
 ) -> tuple[State, int, int]:
     """The scan weighs the particles, and the global samples beside them where these are due."""
-    gain = gain_of(params, scan)
+    gain, tracked = gain_of(params, scan), state
     prior = np.exp(state.log_w)
-
-    def judged(pose: NDArray[np.float64], reliability: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        fit = class_conditional.fit(pose, scan, assets.field, model)
-        return _judge(fit, reliability, gain, state.classifier, params)
-
-    log, reliability = judged(state.pose, state.reliability)
-    weighed = state._replace(log_w=_rivalry(state, log, key.worth), reliability=reliability)
     if params.match_samples:
-        own = state.believed
-        mass = float(prior[own].sum())
-        around = proposal.gaussian_of(state.pose[own], prior[own])
-        found = proposal.match(around, scan, assets.field, model, gain)
-        rng = draw(Purpose.PROPOSAL, stamp_ns)
-        pose, importance = proposal.draw(around, found, params.match_samples, params.match_slip, rng)
-        mean = float(prior[own] @ state.reliability[own]) / mass
-        log, fresh = judged(pose, np.full(pose.shape[0], mean))
-        weighed = _joined(weighed, pose, importance + np.log(mass / pose.shape[0]) + log, fresh, True)
+        state = _matched(state, scan, gain, model, assets, params, draw(Purpose.PROPOSAL, stamp_ns))
     due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
-    if not due or (params.gl_gate and float(prior @ state.reliability) >= 0.5):
-        return weighed, 0, 0
-    rng = draw(Purpose.INJECT, stamp_ns)
-    pose, matches = sampler.candidates(state.history, key, assets.features, assets.free_xy, rng)
-    pose = sampler.gather(pose, sampler.STAGES, params.gl_samples, scan, assets.field, model, gain, rng)
-    area = assets.free_xy.shape[0] * assets.grid.resolution_m**2
-    importance = sampler.log_importance(pose, state.pose, prior, params.gl_uniform, area)
-    # key scans end where the robot may have been carried: since then a robot here has seen what the believed one has
-    own = state.pose[int(np.argmax(np.where(state.believed, weighed.log_w[: state.pose.shape[0]], -np.inf)))]
-    past = sampler.past_evidence(np.vstack([pose, own]), state.history, key, assets.field, model, gain)
-    importance += past[:-1] - past[-1]
-    log, fresh = judged(pose, np.full(pose.shape[0], 0.5))
-    weighed = _joined(weighed, pose, importance - np.log(pose.shape[0]) + log, fresh, False)
-    return weighed._replace(sampled_ns=stamp_ns), pose.shape[0], matches
+    drawn, matches = 0, 0
+    if due and not (params.gl_gate and float(prior @ tracked.reliability) >= 0.5):
+        rng = draw(Purpose.INJECT, stamp_ns)
+        pose, matches = sampler.candidates(state.history, key, params.gl_steps, assets.features, assets.free_xy, rng)
+        pose = sampler.gather(pose, sampler.STAGES, params.gl_samples, scan, assets.field, model, gain, rng)
+        drawn = pose.shape[0]
+        # key scans end where the robot may have been carried: since then a robot here has seen what the believed one has
+        own = tracked.pose[int(np.argmax(np.where(tracked.believed, tracked.log_w, -np.inf)))]
+        past = sampler.past_evidence(np.vstack([pose, own]), state.history, key, assets.field, model, gain)
+        area = assets.free_xy.shape[0] * assets.grid.resolution_m**2
+        importance = sampler.log_importance(pose, tracked.pose, prior, params.gl_uniform, area, past[:-1] - past[-1])
+        here = estimate.members(pose, own, _MODE_M, _MODE_RAD)
+        state = state._replace(log_w=state.log_w + sampler.halved(state.pose, pose))
+        state = _joined(state, pose, importance - np.log(drawn), np.full(drawn, 0.5), here)
+        state = state._replace(sampled_ns=stamp_ns)
+    fit = class_conditional.fit(state.pose, scan, assets.field, model)
+    log, reliability = _judge(fit, state.reliability, gain, state.classifier, params)
+    return state._replace(log_w=_rivalry(state, log, key.worth), reliability=reliability), drawn, matches
+
+
+def _matched(
+    state: State,
+    scan: Scan,
+    gain: float,
+    model: Model,
+    assets: Assets,
+    params: Params,
+    rng: np.random.Generator,
+) -> State:
+    """Particles around the optimum of a scan match join those of the believed place, whose mass they share."""
+    own, prior = state.believed, np.exp(state.log_w)
+    around = proposal.gaussian_of(state.pose[own], prior[own])
+    if around.cov[0, 0] + around.cov[1, 1] > _MODE_M**2:
+        return state  # not yet one place
+    found = proposal.match(around, scan, assets.field, model, gain)
+    pose, importance = proposal.draw(around, found, params.match_samples, params.match_slip, rng)
+    mass, count = float(prior[own].sum()), pose.shape[0]
+    share = count / (count + own.sum())
+    reliability = np.full(count, float(prior[own] @ state.reliability[own]) / mass)
+    state = state._replace(log_w=state.log_w + np.where(own, np.log1p(-share), 0.0))
+    return _joined(state, pose, importance + np.log(share * mass / count), reliability, np.ones(count, np.bool_))
 
 
 def _joined(
@@ -230,14 +244,14 @@ def _joined(
     pose: NDArray[np.float64],
     log_w: NDArray[np.float64],
     reliability: NDArray[np.float64],
-    believed: bool,
+    believed: NDArray[np.bool_],
 ) -> State:
     """The particles and more of them, weights on one scale."""
     return state._replace(
         pose=np.concatenate([state.pose, pose]),
         log_w=np.concatenate([state.log_w, log_w]),
         reliability=np.concatenate([state.reliability, reliability]),
-        believed=np.concatenate([state.believed, np.full(pose.shape[0], believed)]),
+        believed=np.concatenate([state.believed, believed]),
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import between, compose
 from pfcli.core.jit import kernel
+from pfcli.events import Scan
 from pfcli.systems.localize_reliable.sampler import KeyScan
 
 _SAME_M, _SAME_RAD = 0.1, 0.02
@@ -43,3 +44,11 @@ def share(
         compose(between(odometry, k.odometry), np.column_stack([k.ends, np.zeros(len(k.ends))]))[:, :2] for k in history
     ]
     return float(_unseen(ends, sensor, np.concatenate(earlier), _SAME_M, _SAME_RAD) / ends.shape[1])
+
+
+def turned_share(scan: Scan, odometry: NDArray[np.float64], history: list[KeyScan]) -> float:
+    """Share of the view that a turn since the last key scan has brought in."""
+    if not history:
+        return 0.0
+    view = abs(scan.angle_increment_rad) * scan.ranges_m.size
+    return float(min(1.0, abs(between(history[-1].odometry, odometry)[0, 2]) / max(view, 1e-9)))

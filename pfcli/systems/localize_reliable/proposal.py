@@ -16,7 +16,7 @@ from pfcli.core.sensor import class_conditional
 from pfcli.core.sensor.class_conditional import Field, Model, Scan
 
 _WIDE_M, _ITERATIONS = 0.2, 12
-"""Spread of hits (m) at the first iteration; it halves until it is the model's."""
+"""Spread of hits (m) before the first iteration; each takes two thirds of it until it is the model's."""
 _SLIP = np.array([0.3, 0.3, 0.15])
 """Spread of the prior of the match (m, m, rad) beside the particles' own: what a slip leaves behind."""
 _WIDER = 2.0
@@ -67,7 +67,7 @@ def _normal_equations(pose, scan, field, table, per_m, unknown, sigma):  # type:
         at = iy * cols + ix
         d = away[at]
         hit = table[min(np.int64(d * per_m), table.size - 1)]
-        w = hit / (hit + unknown[b]) / (sigma * sigma)
+        w = (hit - table[table.size - 1]) / (hit + unknown[b]) / (sigma * sigma)
         # a distance changes by no more than the way; beside the map's edge the table would say otherwise
         j[0] = min(max(0.5 * (away[at + 1] - away[at - 1]) * scale, -1.0), 1.0)
         j[1] = min(max(0.5 * (away[at + cols] - away[at - cols]) * scale, -1.0), 1.0)

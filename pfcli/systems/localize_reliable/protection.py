@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pfcli.formats.map_yaml import GridMap
 
 _RISK = 0.01
-_FLOOR_M = 0.02
-"""What no particle cloud knows: map cells, calibration, time stamps."""
+_CELL_SD = 1.0 / math.sqrt(12.0)
+"""Standard deviation of a surface within its cell, in cells: what no particle cloud knows."""
 
 
 def protection_level_m(cov: NDArray[np.float64], p_success: float, grid: GridMap) -> float:
@@ -23,4 +23,4 @@ def protection_level_m(cov: NDArray[np.float64], p_success: float, grid: GridMap
         return float(math.hypot(*grid.cells.shape) * grid.resolution_m)
     trace, det = cov[0, 0] + cov[1, 1], cov[0, 0] * cov[1, 1] - cov[0, 1] * cov[1, 0]
     largest = trace / 2 + math.sqrt(max(0.0, trace * trace / 4 - det))
-    return math.sqrt(-2.0 * math.log(left) * (largest + _FLOOR_M**2))
+    return math.sqrt(-2.0 * math.log(left) * (largest + (_CELL_SD * grid.resolution_m) ** 2))

@@ -46,11 +46,17 @@ def remember(history: list[KeyScan], scan: KeyScan, most: int) -> None:
 
 
 def candidates(
-    history: list[KeyScan], now: KeyScan, known: Features, free_xy: NDArray[np.float64], rng: np.random.Generator
+    history: list[KeyScan],
+    now: KeyScan,
+    steps: int,
+    known: Features,
+    free_xy: NDArray[np.float64],
+    rng: np.random.Generator,
 ) -> tuple[NDArray[np.float64], int]:
-    """(n, 3) poses where key points of the last scans lie on those of the map; how many matches there were. Where the map
-    or the scans have no key point, places are drawn uniformly instead."""
-    scans = [*(k for k in history if k is not now), now]
+    """(n, 3) poses where key points of the newest scan and of `steps` key scans before it lie on those of the map; how many
+    matches there were. Where the map or the scans have no key point, places are drawn uniformly instead."""
+    earlier = [k for k in history if k is not now]
+    scans = [*earlier[max(0, len(earlier) - steps) :], now]
     moved = [between(now.odometry, k.odometry) for k in scans]
     joined = [
         compose(m, np.column_stack([k.ends, np.zeros(len(k.ends))]))[:, :2] for m, k in zip(moved, scans, strict=True)
@@ -125,14 +131,24 @@ def log_importance(
     weights: NDArray[np.float64],
     uniform: float,
     area_m2: float,
+    past: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """(g,) log of prediction over proposal at the global samples: what replaces the motion model in their weight.
 
     The prediction is a kernel density of the tracker's particles, of which the share `uniform` may be anywhere; the
-    proposal is the samples' own density. Weights of both sets are then on one scale (per sample of each set).
+    proposal is the samples' own density. Where particles and samples stand for the same place each has half of it (`halved`
+    for the particles), so that no place gains by being found again. Weights of both sets are then on one scale.
+    past: (g,) what the key scans say for each against the believed place; the tracker's weights hold that already.
     """
-    predicted = (1.0 - uniform) * density(samples, poses, weights, _KERNEL_M, _KERNEL_RAD)
-    predicted += uniform / (area_m2 * 2 * np.pi)
+    tracked = 0.5 * (1.0 - uniform) * density(samples, poses, weights, _KERNEL_M, _KERNEL_RAD)
+    anywhere = past + np.log(uniform / (area_m2 * 2 * np.pi))
+    predicted = np.logaddexp(np.log(np.maximum(tracked, 1e-300)), anywhere)
     g = samples.shape[0]
     proposal = density(samples, samples, np.full(g, 1.0 / g), _KERNEL_M, _KERNEL_RAD)
-    return np.asarray(np.log(predicted) - np.log(proposal))
+    return np.asarray(predicted - np.log(proposal))
+
+
+def halved(poses: NDArray[np.float64], samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) log of what is left to the tracker's particles (n, 3): half where global samples stand beside them."""
+    beside = density(poses, samples, np.full(samples.shape[0], 1.0 / samples.shape[0]), _KERNEL_M, _KERNEL_RAD) > 0.0
+    return np.where(beside, np.log(0.5), 0.0)
