@@ -44,6 +44,7 @@ def test_global_samples_are_weighed_by_prediction_over_proposal() -> None:
     assert abs(np.log(2.0 * np.mean(np.exp(log)))) < 0.1
     assert np.mean(sampler.halved(poses, samples) == np.log(0.5)) > 0.99
     assert (sampler.halved(poses + np.array([20.0, 0.0, 0.0]), samples) == 0.0).all()
+    assert (sampler.halved(poses + np.array([0.0, 0.0, 1.5]), samples) == 0.0).all()
     far = sampler.log_importance(
         samples + np.array([20.0, 0.0, 0.0]), poses, np.full(2000, 1 / 2000), 1e-6, 1000.0, np.ones(1500)
     )

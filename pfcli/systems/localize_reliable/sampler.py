@@ -150,5 +150,7 @@ def log_importance(
 
 def halved(poses: NDArray[np.float64], samples: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) log of what is left to the tracker's particles (n, 3): half where global samples stand beside them."""
-    beside = density(poses, samples, np.full(samples.shape[0], 1.0 / samples.shape[0]), _KERNEL_M, _KERNEL_RAD) > 0.0
-    return np.where(beside, np.log(0.5), 0.0)
+    g = samples.shape[0]
+    peak = 1.0 / ((2.0 * np.pi) ** 1.5 * _KERNEL_M**2 * _KERNEL_RAD)
+    near = density(poses, samples, np.full(g, 1.0 / g), _KERNEL_M, _KERNEL_RAD)
+    return np.where(near > np.exp(-8.0) * peak / g, np.log(0.5), 0.0)  # within four standard deviations of one
