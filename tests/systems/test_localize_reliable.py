@@ -181,7 +181,7 @@ def test_without_global_samples_a_carried_robot_knows_that_it_is_lost(pfcli: Cli
     assert np.median(p[error > 1.0]) < 0.5
 
 
-@pytest.mark.parametrize("words", [("--range-model", "beam"), ("--match-samples", 60), ("--gl-steps", 0)])
+@pytest.mark.parametrize("words", [("--range-model", "beam", "--gl-steps", 0), ("--match-samples", 60)])
 def test_every_switch_finds_a_carried_robot(words: tuple[object, ...], pfcli: Cli, tmp_path: Path) -> None:
     found = _run(pfcli, tmp_path / "a", *words)
     assert found["truth"]["median_m"] < 0.03  # type: ignore[index]
