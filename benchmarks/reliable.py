@@ -185,6 +185,7 @@ DRIVES = (
     Place("symmetric corridor (apart)", "partial-symmetric", 1, None, Initial("inside"), False),
 )
 """Another floor: the same walls, other doors and furniture."""
+HARD = [p for p in DRIVES if p.log in ("reliable-60", "reliable-crowd", "slips") or p.name.endswith("floor")]
 
 
 def run_of(place: Place, seed: int, **params: Any) -> tuple[Path, Judged]:
@@ -272,8 +273,7 @@ SWITCHES: tuple[dict[str, Any], ...] = (
 def switches(seeds: int) -> None:
     """What each part does: kidnappings on `seeds` logs, and drives."""
     print(
-        "| switch | kidnapped: right again 95 % [s], AUROC | "
-        + " | ".join(p.name for p in DRIVES[3:8] if p.log != "reliable-kidnap"),
+        "| switch | kidnapped: right again 95 % [s], AUROC | " + " | ".join(p.name for p in HARD),
         end=" |\n",
     )
     print("|---" * 6 + "|")
@@ -284,9 +284,7 @@ def switches(seeds: int) -> None:
         right = np.sort([r.after(k)[1] for r in runs for k in range(r.kidnapped.size)])
         good, p = np.concatenate([r.good for r in runs]), np.concatenate([r.p for r in runs])
         cells = [f"{at(right, 0.95):.1f}, {auroc(good, p):.3f}"]
-        for place in DRIVES[3:8]:
-            if place.log == "reliable-kidnap":
-                continue
+        for place in HARD:
             runs = [run_of(place, seed, **params)[1] for seed in range(seeds)]
             good, p, error = (np.concatenate([getattr(r, k) for r in runs]) for k in ("good", "p", "error"))
             cells.append(f"{good.mean():.3f}, {np.sqrt(np.mean(error**2)):.3f} m, {np.mean((p - good) ** 2):.3f}")

@@ -1,12 +1,18 @@
 """What scans say between places: what is new in them, how much that counts, and particles around a scan match."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from pfcli.core.grid.raycast import cast_many
 from pfcli.core.sensor import class_conditional as cc
-from pfcli.systems.localize_reliable import novelty, proposal, sampler
-from pfcli.systems.localize_reliable.filter import State, _rivalry
+from pfcli.events import Pose2
+from pfcli.events import Scan as LaserScan
+from pfcli.params import build
+from pfcli.systems.localize_reliable import key_scans, proposal
+from pfcli.systems.localize_reliable.filter import State, _matched, _rivalry
+from pfcli.systems.localize_reliable.params import Params
 
 MODEL = cc.Model(0.05, 0.98, 0.02, 0.5, 0.2, 20.0, 1.0, 0.15)
 TURN = np.linspace(-np.pi / 2, np.pi / 2, 61)
@@ -31,21 +37,21 @@ def _scan(field: cc.Field, pose: np.ndarray) -> cc.Scan:
     return cc.scan_of(np.column_stack([r * np.cos(TURN), r * np.sin(TURN)]), np.zeros(2))
 
 
-def _key(field: cc.Field, pose: np.ndarray, worth: float = 1.0) -> sampler.KeyScan:
+def _key(field: cc.Field, pose: np.ndarray, worth: float = 1.0) -> key_scans.KeyScan:
     scan = _scan(field, pose)
-    return sampler.KeyScan(pose[None], np.zeros(2), scan.ends.T.astype(np.float64), scan, worth)
+    return key_scans.KeyScan(pose[None], scan.ends.T.astype(np.float64), scan, worth)
 
 
 def test_what_was_seen_is_not_new_wherever_the_robot_has_gone(field: cc.Field) -> None:
     first, later = np.array([2.0, 1.2, 0.3]), np.array([2.1, 1.25, 0.4])
     history = [_key(field, first)]
     scan = _scan(field, later)
-    assert novelty.share(scan.ends, scan.sensor, first[None], []) == 1.0
-    assert novelty.share(_scan(field, first).ends, scan.sensor, first[None], history) == 0.0
+    assert key_scans.new_share(scan, first[None], []) == 1.0
+    assert key_scans.new_share(_scan(field, first), first[None], history) == 0.0
     # a step away nearly everything was seen; where odometry knows of no step, a scan from elsewhere is new
-    assert novelty.share(scan.ends, scan.sensor, later[None], history) < 0.2
+    assert key_scans.new_share(scan, later[None], history) < 0.2
     elsewhere = _scan(field, np.array([6.0, 4.5, 2.0]))
-    assert novelty.share(elsewhere.ends, scan.sensor, first[None], history) > 0.5
+    assert key_scans.new_share(elsewhere, first[None], history) > 0.5
 
 
 def test_the_share_that_is_new_equals_its_slow_definition(field: cc.Field) -> None:
@@ -67,9 +73,7 @@ def test_the_share_that_is_new_equals_its_slow_definition(field: cc.Field) -> No
                     seen = k[:2] + np.array([c2 * ex - s2 * ey, s2 * ex + c2 * ey])
                     best = min(best, float(np.hypot(*(seen - there))))
             unseen += best > near
-        assert novelty.share(scan.ends, scan.sensor, odometry[None], history) == pytest.approx(
-            unseen / scan.range_m.size
-        )
+        assert key_scans.new_share(scan, odometry[None], history) == pytest.approx(unseen / scan.range_m.size)
 
 
 def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
@@ -93,12 +97,42 @@ def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
             assert np.ptp(moved) == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_turn_brings_in_its_share_of_the_view(field: cc.Field) -> None:
+    """A camera of 60 degrees that turns by 15 sees a quarter that is new, and was not carried."""
+    ranges = np.ones(61, np.float32)
+    scan = LaserScan(0, ranges, -np.pi / 6, np.pi / 180, 0.1, 20.0, Pose2())
+    history = [_key(field, np.array([2.0, 1.2, 0.3]))]
+    turned = np.array([[2.0, 1.2, 0.3 + np.pi / 12]])
+    assert key_scans.turned_share(scan, turned, history) == pytest.approx(15 / 61)
+    assert key_scans.turned_share(scan, turned, []) == 0.0
+
+
+def test_particles_around_a_match_take_their_mass_from_those_they_join(field: cc.Field) -> None:
+    """The believed place gains nothing on its rivals by being matched."""
+    rng = np.random.default_rng(5)
+    true = np.array([2.6, 1.2, 0.4])
+    believed = np.arange(500) < 400
+    pose = np.where(believed[:, None], true, [6.0, 4.5, 2.0]) + rng.normal(0, [0.05, 0.05, 0.02], (500, 3))
+    state = State(*[None] * len(State._fields))._replace(  # type: ignore[arg-type]
+        pose=pose, log_w=np.full(500, -np.log(500)), believed=believed, reliability=np.full(500, 0.8)
+    )
+    params = build(Params, {"match_samples": 4000}, "test")
+    assets = SimpleNamespace(field=field)
+    after = _matched(state, _scan(field, true), 0.2, MODEL, assets, params, rng)  # type: ignore[arg-type]
+    w = np.exp(after.log_w)
+    assert w[~after.believed].sum() == pytest.approx(0.2)
+    spread = w[500:].std() * np.sqrt(4000)
+    assert w[after.believed].sum() == pytest.approx(0.8, abs=5 * spread)
+    assert spread < 0.05
+    assert after.reliability == pytest.approx(0.8)
+
+
 def test_a_place_must_explain_the_key_scans_too(field: cc.Field) -> None:
     """Evidence of the past, each key scan by its worth, for poses that came the way odometry tells."""
     path = np.array([[2.0, 1.2, 0.3], [2.3, 1.3, 0.5], [2.6, 1.5, 0.7]])
     history = [_key(field, pose, worth) for pose, worth in zip(path, (1.0, 0.4, 0.2), strict=True)]
     wrong = np.array([5.0, 4.5, -1.0])
-    found = sampler.past_evidence(np.vstack([path[-1], wrong]), history, history[-1], field, MODEL, 0.2)
+    found = key_scans.past_evidence(np.vstack([path[-1], wrong]), history, history[-1], field, MODEL, 0.2)
     slow = sum(
         0.2 * worth * cc.fit(pose[None], key.scan, field, MODEL).log_likelihood[0]
         for pose, key, worth in zip(path[:2], history[:2], (1.0, 0.4), strict=True)

@@ -208,14 +208,19 @@ def _by_rays(pose, scan, field, distance, through):  # type: ignore[no-untyped-d
 
 
 @kernel
+def _residuals(pose, scan, field, by_rays, distance, through):  # type: ignore[no-untyped-def]
+    if by_rays:
+        _by_rays(pose, scan, field, distance, through)
+    else:
+        _by_field(pose, scan, field, distance, through)
+
+
+@kernel
 def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, model, out):  # type: ignore[no-untyped-def]
     n = scan[0].shape[1]
     distance, through = np.empty(n, np.float32), np.empty(n, np.uint8)
     for i in range(low, high):
-        if model.by_rays:
-            _by_rays(poses[i], scan, field, distance, through)
-        else:
-            _by_field(poses[i], scan, field, distance, through)
+        _residuals(poses[i], scan, field, model.by_rays, distance, through)
         total, product, residual, on_map, hits, beyond = 0.0, 1.0, 0.0, 0, 0, 0
         for b in range(n):
             d = distance[b]
@@ -278,10 +283,7 @@ class Classes(NamedTuple):
 def _classes(pose, scan, unknown, field, table, per_m, by_rays, posterior, distance):  # type: ignore[no-untyped-def]
     n = scan[0].shape[1]
     found, through = np.empty(n, np.float32), np.empty(n, np.uint8)
-    if by_rays:
-        _by_rays(pose, scan, field, found, through)
-    else:
-        _by_field(pose, scan, field, found, through)
+    _residuals(pose, scan, field, by_rays, found, through)
     for b in range(n):
         known = table[min(np.int64(found[b] * per_m), table.size - 1)]
         posterior[b], distance[b] = unknown[b] / (known + unknown[b]), found[b]

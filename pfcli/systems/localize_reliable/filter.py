@@ -20,7 +20,7 @@ from pfcli.events import Sweep
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_reliable import decision, novelty, proposal, sampler, start
+from pfcli.systems.localize_reliable import decision, key_scans, proposal, sampler, start
 from pfcli.systems.localize_reliable.assets import Assets, gain_of, load, model_of, reach_m, scan_of
 from pfcli.systems.localize_reliable.decision import Classifier
 from pfcli.systems.localize_reliable.params import Params
@@ -75,7 +75,7 @@ class State(NamedTuple):
     believed: NDArray[np.bool_]
     odometry: NDArray[np.float64]
     way_m: float
-    history: list[sampler.KeyScan]
+    history: list[key_scans.KeyScan]
     sampled_ns: int
     classifier: Classifier | None
     track: TrackKeeper
@@ -120,12 +120,12 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     else:
         state = _predict(state, moved, sweep.stamp_ns, params, draw)
     state = state._replace(odometry=now, way_m=state.way_m + way)
-    new = novelty.share(scan.ends, scan.sensor, now, state.history)
-    if new > _CARRIED + novelty.turned_share(sweep.scan, now, state.history):
+    new = key_scans.new_share(scan, now, state.history)
+    if new > _CARRIED + key_scans.turned_share(sweep.scan, now, state.history):
         state.history.clear()  # earlier scans do not lie where odometry says
     worth = min(1.0, new / gain_of(params, scan)) if params.new_only else 1.0
-    key = sampler.KeyScan(now, scan.sensor, points, scan, worth)
-    sampler.remember(state.history, key, max(_REMEMBERED, params.gl_steps + 1))
+    key = key_scans.KeyScan(now, points, scan, worth)
+    key_scans.remember(state.history, key, max(_REMEMBERED, params.gl_steps + 1))
     state, drawn, matches = _weigh(state, scan, key, sweep.stamp_ns, model, assets, params, draw)
     return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, new, moved))
 
@@ -183,37 +183,51 @@ def _rivalry(state: State, log: NDArray[np.float64], worth: float) -> NDArray[np
 def _weigh(
     state: State,
     scan: Scan,
-    key: sampler.KeyScan,
+    key: key_scans.KeyScan,
     stamp_ns: int,
     model: Model,
     assets: Assets,
     params: Params,
     draw: Draw,
 ) -> tuple[State, int, int]:
-    """The scan weighs the particles, and the global samples beside them where these are due."""
-    gain, tracked = gain_of(params, scan), state
-    prior = np.exp(state.log_w)
+    """The scan weighs the particles, those around a scan match, and the global samples where these are due."""
+    gain, prior = gain_of(params, scan), np.exp(state.log_w)
+    due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
+    due = due and not (params.gl_gate and float(prior @ state.reliability) >= 0.5)
+    tracked, drawn, matches = state, 0, 0
     if params.match_samples:
         state = _matched(state, scan, gain, model, assets, params, draw(Purpose.PROPOSAL, stamp_ns))
-    due = params.use_gl and stamp_ns - state.sampled_ns >= params.gl_period * 1e9
-    drawn, matches = 0, 0
-    if due and not (params.gl_gate and float(prior @ tracked.reliability) >= 0.5):
+    if due:
         rng = draw(Purpose.INJECT, stamp_ns)
-        pose, matches = sampler.candidates(state.history, key, params.gl_steps, assets.features, assets.free_xy, rng)
-        pose = sampler.gather(pose, sampler.STAGES, params.gl_samples, scan, assets.field, model, gain, rng)
-        drawn = pose.shape[0]
-        # key scans end where the robot may have been carried: since then a robot here has seen what the believed one has
-        own = tracked.pose[int(np.argmax(np.where(tracked.believed, tracked.log_w, -np.inf)))]
-        past = sampler.past_evidence(np.vstack([pose, own]), state.history, key, assets.field, model, gain)
-        area = assets.free_xy.shape[0] * assets.grid.resolution_m**2
-        importance = sampler.log_importance(pose, tracked.pose, prior, params.gl_uniform, area, past[:-1] - past[-1])
-        here = estimate.members(pose, own, _MODE_M, _MODE_RAD)
-        state = state._replace(log_w=state.log_w + sampler.halved(state.pose, pose))
-        state = _joined(state, pose, importance - np.log(drawn), np.full(drawn, 0.5), here)
-        state = state._replace(sampled_ns=stamp_ns)
+        state, matches = _sampled(state, tracked, key, gain, model, assets, params, rng)
+        drawn, state = params.gl_samples, state._replace(sampled_ns=stamp_ns)
     fit = class_conditional.fit(state.pose, scan, assets.field, model)
     log, reliability = _judge(fit, state.reliability, gain, state.classifier, params)
     return state._replace(log_w=_rivalry(state, log, key.worth), reliability=reliability), drawn, matches
+
+
+def _sampled(
+    state: State,
+    tracked: State,
+    key: key_scans.KeyScan,
+    gain: float,
+    model: Model,
+    assets: Assets,
+    params: Params,
+    rng: np.random.Generator,
+) -> tuple[State, int]:
+    """Global samples join; `tracked`: what the tracker predicted. Returns how many key points matched as well."""
+    history, count = state.history, params.gl_samples
+    pose, matches = sampler.candidates(history, key, params.gl_steps, assets.features, assets.free_xy, rng)
+    pose = sampler.gather(pose, sampler.STAGES, count, key.scan, assets.field, model, gain, rng)
+    # key scans end where the robot may have been carried: since then a robot here has seen what the believed one has
+    own = tracked.pose[int(np.argmax(np.where(tracked.believed, tracked.log_w, -np.inf)))]
+    past = key_scans.past_evidence(np.vstack([pose, own]), history, key, assets.field, model, gain)
+    prior, area = np.exp(tracked.log_w), assets.free_xy.shape[0] * assets.grid.resolution_m**2
+    importance = sampler.log_importance(pose, tracked.pose, prior, params.gl_uniform, area, past[:-1] - past[-1])
+    here = estimate.members(pose, own, _MODE_M, _MODE_RAD)
+    state = state._replace(log_w=state.log_w + sampler.halved(state.pose, pose))
+    return _joined(state, pose, importance - np.log(count), np.full(count, 0.5), here), matches
 
 
 def _matched(

@@ -48,7 +48,9 @@ class Params:
     use_gl: Annotated[bool, Opt("fuse global samples by importance sampling")] = True
     gl_gate: Annotated[bool, Opt("draw them only while p(success) < 0.5")] = False
     gl_period: Annotated[float, Opt("log time between two global samplings", "s", 0, 1e6)] = 1.0
-    gl_steps: Annotated[int, Opt("earlier key scans joined to the newest one for it (N)", "", 0, 100)] = 5
+    gl_steps: Annotated[
+        int, Opt("earlier key scans joined to the newest one for it (N); more than 5 also tell what is new", "", 0, 100)
+    ] = 5
     gl_samples: Annotated[int, Opt("global samples", "", 1, 100_000)] = 200
     gl_uniform: Annotated[float, Opt("share of the prediction that may be anywhere in the map", "", 1e-12, 0.5)] = 1e-5
     rivals: Annotated[

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core import estimate
 from pfcli.core.geometry import wrap
 from pfcli.core.jit import kernel
 from pfcli.core.sensor import class_conditional
@@ -39,13 +40,8 @@ class Gaussian(NamedTuple):
 
 def gaussian_of(pose: NDArray[np.float64], weights: NDArray[np.float64]) -> Gaussian:
     """Moments of weighted poses (n, 3) that lie in one place; weights (n,) need not add up to 1."""
-    w = weights / weights.sum()
-    middle = pose[int(np.argmax(w))]
-    off = pose - middle
-    off[:, 2] = wrap(off[:, 2])
-    mean = w @ off
-    spread = off - mean
-    return Gaussian(middle + mean, (spread * w[:, None]).T @ spread + np.diag([1e-6, 1e-6, 1e-7]))
+    found = estimate.whole(pose, weights / weights.sum())
+    return Gaussian(found.pose, found.cov + np.diag([1e-6, 1e-6, 1e-7]))
 
 
 @kernel

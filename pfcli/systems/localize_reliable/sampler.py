@@ -3,12 +3,9 @@
 Akai 2023, section 4: samples of p(x | u, z, m) over the last N + 1 scans, weighted by the tracker's prediction, eq. (R).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import between, compose
 from pfcli.core.grid import free_space
 from pfcli.core.grid.free_space import Features
 from pfcli.core.jit import kernel
@@ -16,33 +13,13 @@ from pfcli.core.resample import systematic
 from pfcli.core.sensor import class_conditional
 from pfcli.core.sensor.class_conditional import Field, Model, Scan
 from pfcli.core.weights import normalize
+from pfcli.systems.localize_reliable import key_scans
+from pfcli.systems.localize_reliable.key_scans import KeyScan
 
 _CANDIDATES, _CELL_M, _HALF_M = 4000, 0.05, 6.0
-_KEY_M, _KEY_RAD = 0.3, 0.5
 STAGES = ((0.2, 0.1, 0.05), (0.1, 0.04, 0.02))
 """Spread of hits (m) of each narrowing, and the jitter after it (m, rad)."""
 _KERNEL_M, _KERNEL_RAD = 0.1, 0.05
-
-
-class KeyScan(NamedTuple):
-    """odometry (1, 3) where it was taken; sensor (2,) and end points (b, 2) in the base frame (m); scan: the beams of them
-    that the filter uses; worth: what it says beyond the key scans before it, as a share of what a scan says."""
-
-    odometry: NDArray[np.float64]
-    sensor: NDArray[np.float64]
-    ends: NDArray[np.float64]
-    scan: Scan
-    worth: float
-
-
-def remember(history: list[KeyScan], scan: KeyScan, most: int) -> None:
-    """Keep a scan that is far enough from the last one; at most `most`, in place."""
-    if history:
-        moved = between(history[-1].odometry, scan.odometry)[0]
-        if np.hypot(moved[0], moved[1]) < _KEY_M and abs(moved[2]) < _KEY_RAD:
-            return
-    history.append(scan)
-    del history[: max(0, len(history) - most)]
 
 
 def candidates(
@@ -57,30 +34,14 @@ def candidates(
     matches there were. Where the map or the scans have no key point, places are drawn uniformly instead."""
     earlier = [k for k in history if k is not now]
     scans = [*earlier[max(0, len(earlier) - steps) :], now]
-    moved = [between(now.odometry, k.odometry) for k in scans]
-    joined = [
-        compose(m, np.column_stack([k.ends, np.zeros(len(k.ends))]))[:, :2] for m, k in zip(moved, scans, strict=True)
-    ]
-    origins = np.array([compose(m, np.array([[*k.sensor, 0.0]]))[0, :2] for m, k in zip(moved, scans, strict=True)])
+    joined = [key_scans.seen_from(now.odometry, k, k.ends) for k in scans]
+    origins = np.array([key_scans.seen_from(now.odometry, k, k.scan.sensor[None])[0] for k in scans])
     seen = free_space.local_features(joined, origins, _CELL_M, _HALF_M)
     found = free_space.match(seen, known, _CANDIDATES).pose
     if found.shape[0]:
         return found, found.shape[0]
     xy = free_xy[rng.integers(free_xy.shape[0], size=_CANDIDATES)]
     return np.column_stack([xy, rng.uniform(-np.pi, np.pi, _CANDIDATES)]), 0
-
-
-def past_evidence(
-    poses: NDArray[np.float64], history: list[KeyScan], now: KeyScan, field: Field, model: Model, gain: float
-) -> NDArray[np.float64]:
-    """(n,) what the key scans before `now` say for a robot at poses (n, 3) that came there as odometry tells: each as much as
-    it showed something new."""
-    total = np.zeros(poses.shape[0])
-    for key in history:
-        if key is not now:
-            there = compose(poses, between(now.odometry, key.odometry))
-            total += key.worth * gain * class_conditional.fit(there, key.scan, field, model).log_likelihood
-    return total
 
 
 def gather(
