@@ -49,6 +49,17 @@ def test_a_move_through_a_wall_is_noticed() -> None:
     assert not region.crosses_wall(found.place, found.frame, 5.3, 1.0, 5.8, 1.0)
 
 
+def test_a_clear_way_meets_no_wall() -> None:
+    found = region.region_of(_half_known(), 0.05, (0.0, 0.0, 0.0))
+    rng = np.random.default_rng(0)
+    clear = 0
+    for x, y, dx, dy in np.column_stack([rng.uniform(-0.5, 8.5, (4000, 2)), rng.normal(0, 0.3, (4000, 2))]):
+        if region.clear_way(found.to_wall, found.frame, x, y) > np.hypot(dx, dy) / 0.05:
+            clear += 1
+            assert not region.crosses_wall(found.place, found.frame, x, y, x + dx, y + dy)
+    assert clear > 500
+
+
 def test_an_empty_map_has_no_free_cell_and_a_whole_one_no_frontier() -> None:
     assert region.region_of(np.full((9, 9), -1, np.int8), 0.05, (0.0, 0.0, 0.0)).free_xy.size == 0
     closed = np.ones((60, 60), np.int8)

@@ -52,8 +52,7 @@ def room() -> tiles.Tiles:
 def _match(room: tiles.Tiles, prior: np.ndarray, points: np.ndarray, sd: tuple[float, float]) -> scan_match.Match:
     information = np.diag([sd[0] ** -2, sd[0] ** -2, sd[1] ** -2])
     window = scan_match.Window(0.3, 0.35, 0.15, 0.035, 0.12)
-    correction, better = scan_match.coarse(room, 0, prior, points[::5].copy(), window)
-    offered = correction if better > 0.005 else np.zeros(3)
+    offered = scan_match.coarse(room, 0, prior, points[::5].copy(), window, 0.005)
     return scan_match.match(room, prior[None], information, offered[None], points, scan_match.Matcher())
 
 

@@ -88,11 +88,12 @@ def test_nearest_offsets_equal_a_brute_force_distance_transform() -> None:
         for k in range(0, tiles.CELLS, 7):
             row, col = tile_row * tiles.SIDE + k // tiles.SIDE, tile_col * tiles.SIDE + k % tiles.SIDE
             best = ((occupied - (row, col)) ** 2).sum(axis=1).min()
-            near = maps.near[tile, k].astype(int)
-            if maps.far[tile, k] == tiles.NONE:
+            if maps.surface[tile, k, 0] == tiles.NONE:
                 assert best > tiles.REACH**2
             else:
-                assert (near**2).sum() == maps.far[tile, k] == best
+                offset = maps.surface[tile, k, :2].astype(int) - tiles.REACH
+                assert (offset**2).sum() == best
+                assert ((row + offset[1], col + offset[0]) == occupied).all(axis=1).any()
 
 
 def test_a_door_that_opens_becomes_free() -> None:

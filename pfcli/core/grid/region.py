@@ -14,11 +14,13 @@ OUTSIDE, INSIDE, WALL = 0, 1, 2
 
 
 class Region(NamedTuple):
-    """place: uint8 (rows, cols) of OUTSIDE, INSIDE, WALL; frame: (6,) from map coordinates to cells; resolution_m;
+    """place: uint8 (rows, cols) of OUTSIDE, INSIDE, WALL; to_wall: uint8 (rows, cols), whole cells from the centre of each to
+    the nearest WALL's, at most 255; frame: (6,) from map coordinates to cells; resolution_m;
     free_xy: (k, 2) centres of the free cells that a robot can stand on (m, map frame);
     edge_xy: (e, 2) those near a frontier, nearest first; edge_m: (e,) their distances to it (m)."""
 
     place: NDArray[np.uint8]
+    to_wall: NDArray[np.uint8]
     frame: NDArray[np.float64]
     resolution_m: float
     free_xy: NDArray[np.float64]
@@ -58,6 +60,7 @@ def region_of(
     free = np.argwhere(standable)
     return Region(
         np.ascontiguousarray(place[1:-1, 1:-1]),
+        np.minimum(distance_m(padded == 1, 1.0), 255.0).astype(np.uint8)[1:-1, 1:-1].copy(),
         frame,
         resolution_m,
         _centres(free[:, 0] - 1, free[:, 1] - 1, resolution_m, origin),
@@ -98,6 +101,17 @@ def crosses_wall(place, frame, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
         if 0 <= ix < place.shape[1] and 0 <= iy < place.shape[0] and place[iy, ix] == 2:
             return True
     return False
+
+
+@inline_kernel
+def clear_way(to_wall, frame, x, y):  # type: ignore[no-untyped-def]
+    """How far (cells) a move from (x, y) certainly meets no wall; 0 where it may."""
+    ix = int(np.floor(frame[0] * x + frame[1] * y + frame[2]))
+    iy = int(np.floor(frame[3] * x + frame[4] * y + frame[5]))
+    if ix < 0 or iy < 0 or ix >= to_wall.shape[1] or iy >= to_wall.shape[0]:
+        return 0.0
+    # start and wall are at most 0.71 cells from the centres of their cells
+    return max(0.0, to_wall[iy, ix] - 1.5)
 
 
 @kernel

@@ -13,13 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import cholesky3, solve3, wrap
-from pfcli.core.grid.tiles import BITS, NONE, REACH, SIDE, Tiles, nearest_surface
-from pfcli.core.jit import kernel, reduction_kernel
+from pfcli.core.grid.tiles import BITS, REACH, SIDE, Tiles, nearest_surface, squared_distance
+from pfcli.core.jit import inline_kernel, kernel, reduction_kernel
 from pfcli.core.threads import spread
 
 NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
 _SLIPPED = 2.0
 """A pose counts as slipped where the uniform part is half of the motion prior or more."""
+_ASK = 8
+"""After so many end points a coarse score is asked whether it can still become the best."""
+_CONVERGED, _SAME = 1e-3, 2e-3
+"""A way (m, or half-metres per radian) after which a match stands still, and within which two matches are the same."""
 
 
 class Matcher(NamedTuple):
@@ -206,11 +210,18 @@ def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type
     return m.gain * stride * (total + np.log(product))
 
 
+@inline_kernel
+def _apart(pose, other):  # type: ignore[no-untyped-def]
+    """How far from each other: metres, and half-metres per radian."""
+    return abs(pose[0] - other[0]) + abs(pose[1] - other[1]) + 2.0 * abs(wrap(pose[2] - other[2]))
+
+
 @kernel
-def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m, work, hessian):  # type: ignore[no-untyped-def]
+def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m, rival, work, hessian):  # type: ignore[no-untyped-def]
     """Move `pose` to the maximum of likelihood x prior^trust: wide robust cost first, then narrow.
 
-    Leaves the information of the posterior in `hessian`; returns the inlier share.
+    rival: an optimum that is known; towards it there is no need to go on. Leaves the information of the posterior in
+    `hessian`; returns the inlier share.
     """
     step, gradient, low = np.empty(3), np.empty(3), np.zeros((3, 3))
     inliers, wide = -1.0, True
@@ -230,7 +241,7 @@ def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m,
         moved = abs(step[0]) + abs(step[1]) + 2.0 * abs(step[2])
         if wide:
             wide = moved >= 0.02 and k < m.iterations // 2
-        elif moved < 5e-4:
+        elif moved < _CONVERGED or _apart(pose, rival) < _SAME:
             break
     return inliers
 
@@ -256,12 +267,18 @@ def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _coarse_score(tiles, i, x, y, rotated, precision):  # type: ignore[no-untyped-def]
-    """Mean likelihood of end points by their distance to the nearest occupied cell; unknown cells count a third."""
+def _coarse_score(tiles, i, x, y, rotated, precision, least):  # type: ignore[no-untyped-def]
+    """Mean likelihood of end points by their distance to the nearest occupied cell; unknown cells count a third.
+
+    Given up with -1 as soon as the rest cannot bring it above `least`.
+    """
     per_cell = 1.0 / tiles.resolution_m
     ox, oy = x * per_cell - tiles.corner[0] * SIDE, y * per_cell - tiles.corner[1] * SIDE
-    total = 0.0
-    for b in range(rotated.shape[0]):
+    n = rotated.shape[0]
+    total, needed = 0.0, least * n
+    for b in range(n):
+        if b % _ASK == 0 and total + (n - b) <= needed:
+            return -1.0
         ix, iy = int(np.floor(rotated[b, 0] + ox)), int(np.floor(rotated[b, 1] + oy))
         tx, ty = ix >> BITS, iy >> BITS
         if tx < 0 or ty < 0 or tx >= tiles.index.shape[2] or ty >= tiles.index.shape[1]:
@@ -272,12 +289,12 @@ def _coarse_score(tiles, i, x, y, rotated, precision):  # type: ignore[no-untype
             total += 0.3
             continue
         at, cell = np.uintp(tile), np.uintp(((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1)))
-        square = tiles.far[at, cell]
-        if square != NONE:
+        square = squared_distance(tiles, at, cell)
+        if square <= REACH * REACH:
             total += precision[square]
         elif tiles.counts[at, cell] == 0:
             total += 0.3
-    return total / rotated.shape[0]
+    return total / n
 
 
 class Window(NamedTuple):
@@ -291,35 +308,42 @@ class Window(NamedTuple):
 
 
 @kernel
-def _search_yaw(tiles, i, start, points, window, table, turn, out):  # type: ignore[no-untyped-def]
-    """Best translation for one turn of the window; out: penalised score, dx, dy, score at the start."""
-    n_xy = int(np.ceil(window.half_xy_m / window.step_xy_m))
-    per_cell = 1.0 / tiles.resolution_m
-    cos0, sin0 = np.cos(start[2]), np.sin(start[2])
-    yaw = start[2] + turn
+def _turned(points, yaw, per_cell, out):  # type: ignore[no-untyped-def]
+    """End points seen from a pose of that heading, in cells. Far from each other in the scan come first, so that a few tell."""
     cos, sin = np.cos(yaw) * per_cell, np.sin(yaw) * per_cell
-    rotated = np.empty((points.shape[0], 2))
-    for b in range(points.shape[0]):
-        rotated[b, 0] = cos * points[b, 0] - sin * points[b, 1]
-        rotated[b, 1] = sin * points[b, 0] + cos * points[b, 1]
-    out[0] = -1.0
-    for jx in range(-n_xy, n_xy + 1):
-        for jy in range(-n_xy, n_xy + 1):
-            dx, dy = jx * window.step_xy_m, jy * window.step_xy_m
-            x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
-            score = _coarse_score(tiles, i, x, y, rotated, table)
-            if jx == 0 and jy == 0:
-                out[3] = score
-            score -= 0.03 * ((dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2)
-            if score > out[0]:
-                out[0], out[1], out[2] = score, dx, dy
+    k = 0
+    for first in range(_ASK):
+        for b in range(first, points.shape[0], _ASK):
+            out[k, 0] = cos * points[b, 0] - sin * points[b, 1]
+            out[k, 1] = sin * points[b, 0] + cos * points[b, 1]
+            k += 1
 
 
 @kernel
-def _search(tiles, i, start, points, window, table, out):  # type: ignore[no-untyped-def]
-    half = out.shape[0] // 2
-    for a in range(out.shape[0]):
-        _search_yaw(tiles, i, start, points, window, table, (a - half) * window.step_yaw_rad, out[a])
+def _search(tiles, i, start, points, window, table, gain, correction):  # type: ignore[no-untyped-def]
+    """Writes the correction (3,) to the best penalised score, zero where none is better than the start by `gain`."""
+    half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
+    n_xy = int(np.ceil(window.half_xy_m / window.step_xy_m))
+    per_cell = 1.0 / tiles.resolution_m
+    cos0, sin0 = np.cos(start[2]), np.sin(start[2])
+    rotated = np.empty(points.shape)
+    _turned(points, start[2], per_cell, rotated)
+    before = _coarse_score(tiles, i, start[0], start[1], rotated, table, 0.0)
+    best = before + gain
+    correction[:] = 0.0
+    for a in range(-half, half + 1):
+        turn = a * window.step_yaw_rad
+        _turned(points, start[2] + turn, per_cell, rotated)
+        for jx in range(-n_xy, n_xy + 1):
+            for jy in range(-n_xy, n_xy + 1):
+                dx, dy = jx * window.step_xy_m, jy * window.step_xy_m
+                x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
+                far = (dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2
+                score = _coarse_score(tiles, i, x, y, rotated, table, best + 0.03 * far) - 0.03 * far
+                if score > best:
+                    best = score
+                    correction[0], correction[1], correction[2] = dx, dy, turn
+    return best - before if best > before + gain else 0.0
 
 
 @functools.cache
@@ -329,27 +353,25 @@ def _likelihoods(cells: float) -> NDArray[np.float64]:
 
 
 def coarse(
-    tiles: Tiles, i: int, start: NDArray[np.float64], points: NDArray[np.float64], window: Window
-) -> tuple[NDArray[np.float64], float]:
+    tiles: Tiles, i: int, start: NDArray[np.float64], points: NDArray[np.float64], window: Window, gain: float
+) -> NDArray[np.float64]:
     """Correlative search around `start` in the map of particle i.
 
-    Returns (correction (3,) in the frame of `start`, by how much its score is better than that of `start`).
+    Returns the correction (3,) in the frame of `start` (m, rad) to the pose of the best score; zero where none is better than
+    that of `start` by `gain`.
     """
-    half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
-    out = np.empty((2 * half + 1, 4))
-    table = _likelihoods(tiles.resolution_m / window.sigma_m)
-    _search(tiles, i, start, points, window, table, out)
-    best = int(np.argmax(out[:, 0]))
-    correction = np.array([out[best, 1], out[best, 2], (best - half) * window.step_yaw_rad])
-    return correction, float(out[best, 0] - out[half, 3])
+    correction = np.empty(3)
+    _search(tiles, i, start, points, window, _likelihoods(tiles.resolution_m / window.sigma_m), gain, correction)
+    return correction
 
 
 @kernel
 def _match_one(tiles, i, prior, information, correction, points, normals, m, pose, hessian, out):  # type: ignore[no-untyped-def]
     """Refine from the odometry and, where a correction is offered, from there; keep what explains scan and motion best."""
     work = np.empty((9, max(10, points.shape[0])))
+    nowhere = np.full(3, 1e9)
     pose[:] = prior
-    out[2] = _refine(tiles, i, pose, prior, information, 1.0, points, normals, m, work, hessian)
+    out[2] = _refine(tiles, i, pose, prior, information, 1.0, points, normals, m, nowhere, work, hessian)
     out[0] = log_likelihood(tiles, i, pose, points, normals, m.sigma_m, m, 1)
     out[1] = log_prior(pose, prior, information, m)
     out[3] = 0.0
@@ -363,9 +385,11 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
     other[:] = anchor
     if log_prior(anchor, prior, information, m) > np.log(_SLIPPED * m.slip / _volume(m)):
         # within reach of the odometry: only the start differs, the prior stays where it is
-        inliers = _refine(tiles, i, other, prior, information, 1.0, points, normals, m, work, other_hessian)
+        inliers = _refine(tiles, i, other, prior, information, 1.0, points, normals, m, pose, work, other_hessian)
     else:
-        inliers = _refine(tiles, i, other, anchor, information, 0.25, points, normals, m, work, other_hessian)
+        inliers = _refine(tiles, i, other, anchor, information, 0.25, points, normals, m, pose, work, other_hessian)
+    if _apart(other, pose) < _SAME:
+        return
     found = log_likelihood(tiles, i, other, points, normals, m.sigma_m, m, 1)
     before = log_prior(other, prior, information, m)
     if found + before > out[0] + out[1]:

@@ -17,7 +17,7 @@ from pfcli.core.threads import spread
 BITS = 5
 SIDE = 1 << BITS
 CELLS = SIDE * SIDE
-NONE = 127
+NONE = 255
 FREE = 255
 REACH = 8
 """Cells up to which the nearest occupied cell is known (0.4 m at 0.05 m)."""
@@ -33,10 +33,9 @@ class Tiles(NamedTuple):
     refs: int32 (capacity,); free: int32 (capacity,), a stack; top: int64 (1,), its height;
     counts: uint16 (capacity, 1024), visits in the low byte and hits in the high one;
     mean: float32 (capacity, 1024, 2), in cells from the cell's corner;
-    near: int8 (capacity, 1024, 2), offset in cells to the nearest occupied cell; far: uint8 (capacity, 1024), its square,
-    NONE where there is none in reach;
-    surface: uint8 (capacity, 1024, 2), the mean in 1/254 cell, FREE where the cell is not occupied. Matching reads
-    only `near`, `far` and `surface` (5 KiB a tile, so that what a scan sees stays in the cache).
+    surface: uint8 (capacity, 1024, 4), offset in cells to the nearest occupied cell plus REACH (NONE, any where there is none
+    in reach), and the mean in 1/254 cell (FREE, any where the cell is not occupied). Matching reads only this, one cache line
+    an end point (4 KiB a tile).
     """
 
     index: NDArray[np.int32]  # type: ignore[assignment]  # shadows tuple.index, which nobody calls
@@ -46,13 +45,11 @@ class Tiles(NamedTuple):
     top: NDArray[np.int64]
     counts: NDArray[np.uint16]
     mean: NDArray[np.float32]
-    near: NDArray[np.int8]
-    far: NDArray[np.uint8]
     surface: NDArray[np.uint8]
     resolution_m: float
 
 
-def empty(n: int, resolution_m: float, capacity: int = 1024) -> Tiles:
+def empty(n: int, resolution_m: float, capacity: int = 4096) -> Tiles:
     """Tables for `n` particles, all of the world unknown, centred on the origin."""
     return Tiles(
         index=np.full((n, 16, 16), -1, np.int32),
@@ -61,10 +58,8 @@ def empty(n: int, resolution_m: float, capacity: int = 1024) -> Tiles:
         free=np.arange(capacity, dtype=np.int32)[::-1].copy(),
         top=np.array([capacity], np.int64),
         counts=np.zeros((capacity, CELLS), np.uint16),
-        mean=np.zeros((capacity, CELLS, 2), np.float32),
-        near=np.zeros((capacity, CELLS, 2), np.int8),
-        far=np.full((capacity, CELLS), NONE, np.uint8),
-        surface=np.full((capacity, CELLS, 2), FREE, np.uint8),
+        mean=np.empty((capacity, CELLS, 2), np.float32),
+        surface=np.empty((capacity, CELLS, 4), np.uint8),
         resolution_m=resolution_m,
     )
 
@@ -101,8 +96,6 @@ def _with_room(tiles: Tiles, needed: int) -> Tiles:
         top=np.array([stack.size], np.int64),
         counts=_grown(tiles.counts, new),
         mean=_grown(tiles.mean, new),
-        near=_grown(tiles.near, new),
-        far=_grown(tiles.far, new),
         surface=_grown(tiles.surface, new),
     )
 
@@ -164,19 +157,17 @@ def _foreign(flat, refs, marks):  # type: ignore[no-untyped-def]
 def _clear(tiles, tile):  # type: ignore[no-untyped-def]
     for k in range(CELLS):
         tiles.counts[tile, k] = 0
-        tiles.far[tile, k] = NONE
-        for c in range(2):
-            tiles.surface[tile, k, c] = FREE
+        tiles.surface[tile, k, 0] = NONE
+        tiles.surface[tile, k, 2] = FREE
 
 
 @kernel
 def _copy(tiles, old, new):  # type: ignore[no-untyped-def]
     for k in range(CELLS):
         tiles.counts[new, k] = tiles.counts[old, k]
-        tiles.far[new, k] = tiles.far[old, k]
         for c in range(2):
             tiles.mean[new, k, c] = tiles.mean[old, k, c]
-            tiles.near[new, k, c] = tiles.near[old, k, c]
+        for c in range(4):
             tiles.surface[new, k, c] = tiles.surface[old, k, c]
 
 
@@ -213,15 +204,26 @@ def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
     if tile < 0:
         return 0, 0.0, 0.0
     at, cell = np.uintp(tile), np.uintp(((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1)))
-    if tiles.far[at, cell] == NONE:
+    off_x = tiles.surface[at, cell, 0]
+    if off_x == NONE:
         return (1 if tiles.counts[at, cell] > 0 else 0), 0.0, 0.0
-    jx, jy = ix + np.int64(tiles.near[at, cell, 0]), iy + np.int64(tiles.near[at, cell, 1])
+    jx, jy = ix + np.int64(off_x) - REACH, iy + np.int64(tiles.surface[at, cell, 1]) - REACH
     tile = np.uintp(tiles.index[i, jy >> BITS, jx >> BITS])
     there = np.uintp(((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1)))
-    sx = tiles.surface[tile, there, 0]
+    sx = tiles.surface[tile, there, 2]
     if sx == FREE:
         return 1, 0.0, 0.0
-    return 2, jx + sx * _STEP, jy + tiles.surface[tile, there, 1] * _STEP
+    return 2, jx + sx * _STEP, jy + tiles.surface[tile, there, 3] * _STEP
+
+
+@inline_kernel
+def squared_distance(tiles, tile, cell):  # type: ignore[no-untyped-def]
+    """Squared distance in cells from a cell to the nearest occupied one; above REACH^2 where none is in reach."""
+    off_x = np.int64(tiles.surface[tile, cell, 0]) - REACH
+    if off_x == NONE - REACH:
+        return REACH * REACH + 1
+    off_y = np.int64(tiles.surface[tile, cell, 1]) - REACH
+    return off_x * off_x + off_y * off_y
 
 
 class Beams(NamedTuple):
@@ -363,7 +365,7 @@ def _visit_hit(tiles, tile, cell):  # type: ignore[no-untyped-def]
     before = np.int64(tiles.counts[tile, cell])
     seen, hits = (before & 255) + 1, before >> 8
     if 4 * hits <= seen:
-        tiles.surface[tile, cell, 0] = FREE
+        tiles.surface[tile, cell, 2] = FREE
     if seen > _SATURATED:
         hits >>= 1
         seen >>= 1
@@ -390,9 +392,9 @@ def _hit(tiles, i, x, y):  # type: ignore[no-untyped-def]
         tiles.mean[tile, cell, 1] += (y - cy - tiles.mean[tile, cell, 1]) / hits
     if 4 * hits <= visits:
         return
-    fresh = tiles.surface[tile, cell, 0] == FREE
-    tiles.surface[tile, cell, 0] = np.uint8(tiles.mean[tile, cell, 0] * 254 + 0.5)
-    tiles.surface[tile, cell, 1] = np.uint8(tiles.mean[tile, cell, 1] * 254 + 0.5)
+    fresh = tiles.surface[tile, cell, 2] == FREE
+    tiles.surface[tile, cell, 2] = np.uint8(tiles.mean[tile, cell, 0] * 254 + 0.5)
+    tiles.surface[tile, cell, 3] = np.uint8(tiles.mean[tile, cell, 1] * 254 + 0.5)
     # a neighbour may still point at a nearer cell that has become free: announce this one again now and then
     heal = hits == 8 or hits == 64 or hits == 512
     if fresh or heal:
@@ -416,11 +418,9 @@ def _announce(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
             for k in range(stop - x + 1):
                 dx = x + k - cx
                 cell = first + np.uintp(k)
-                square = np.uint8(dx * dx + high)
-                if square < tiles.far[tile, cell]:
-                    tiles.far[tile, cell] = square
-                    tiles.near[tile, cell, 0] = -dx
-                    tiles.near[tile, cell, 1] = -dy
+                if dx * dx + high < squared_distance(tiles, tile, cell):
+                    tiles.surface[tile, cell, 0] = REACH - dx
+                    tiles.surface[tile, cell, 1] = REACH - dy
             x = stop + 1
 
 
@@ -431,12 +431,13 @@ def _forget_freed(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
         for x in range(cx - REACH, cx + REACH + 1):
             tile = tiles.index[i, y >> BITS, x >> BITS]
             cell = ((y & (SIDE - 1)) << BITS) | (x & (SIDE - 1))
-            if tiles.far[tile, cell] == NONE or (x - cx) ** 2 + (y - cy) ** 2 > REACH * REACH:
+            off_x = tiles.surface[tile, cell, 0]
+            if off_x == NONE or (x - cx) ** 2 + (y - cy) ** 2 > REACH * REACH:
                 continue
-            ox, oy = x + np.int64(tiles.near[tile, cell, 0]), y + np.int64(tiles.near[tile, cell, 1])
+            ox, oy = x + np.int64(off_x) - REACH, y + np.int64(tiles.surface[tile, cell, 1]) - REACH
             other = tiles.index[i, oy >> BITS, ox >> BITS]
-            if tiles.surface[other, ((oy & (SIDE - 1)) << BITS) | (ox & (SIDE - 1)), 0] == FREE:
-                tiles.far[tile, cell] = NONE
+            if tiles.surface[other, ((oy & (SIDE - 1)) << BITS) | (ox & (SIDE - 1)), 2] == FREE:
+                tiles.surface[tile, cell, 0] = NONE
 
 
 @kernel
@@ -451,7 +452,7 @@ def classify(tiles, i):  # type: ignore[no-untyped-def]
                 continue
             for k in range(CELLS):
                 if tiles.counts[tile, k] > 0:
-                    occupied = tiles.surface[tile, k, 0] != FREE
+                    occupied = tiles.surface[tile, k, 2] != FREE
                     out[r * SIDE + (k >> BITS), c * SIDE + (k & (SIDE - 1))] = 1 if occupied else 0
     return out
 

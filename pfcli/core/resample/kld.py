@@ -4,6 +4,7 @@ import numpy as np
 
 from pfcli.core.jit import kernel
 from pfcli.core.particles import pose_bin
+from pfcli.core.resample.systematic import choose
 
 
 @kernel
@@ -35,3 +36,20 @@ def occupied_bins(poses, chosen, side_m, side_rad):  # type: ignore[no-untyped-d
             seen[slot] = 1
             count += 1
     return count
+
+
+@kernel
+def enough(poses, weights, cluster, u, least, limit, error, side_m, side_rad):  # type: ignore[no-untyped-def]
+    """How many offspring of a cluster keep its spread: more are drawn until the bound holds.
+
+    poses: (n, 3); weights: (n,); cluster: (m,), indices of these; u: offset of the draw in [0, 1); least, limit: fewest and
+    most offspring; error: Kullback-Leibler distance that may be lost (0: always `limit`); side_m, side_rad: of a bin.
+    """
+    drawn = limit if error == 0.0 else min(limit, 4 * least)
+    while error > 0.0:
+        bins = occupied_bins(poses, cluster[choose(weights[cluster], u, drawn)], side_m, side_rad)
+        wanted = max(min(least, limit), bound(bins, error, 2.33))
+        if wanted <= drawn or drawn == limit:
+            return min(wanted, limit)
+        drawn = min(limit, max(4 * drawn, wanted))
+    return drawn

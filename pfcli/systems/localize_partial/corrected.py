@@ -20,6 +20,8 @@ from pfcli.systems.pace import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
+_WORTH_A_SEARCH = 1e-4
+"""Mass of class 1 from which it is asked where it may have come in: surprises raise it in a few scans."""
 _BACK = 1e-7
 """Mass of class 6 from which it is gathered."""
 _GIVEN_UP = 1e-3
@@ -129,12 +131,12 @@ def _arrive(
     fresh = []
     region, rng = assets.region, draw(Purpose.INJECT, reading.stamp_ns)
     wanted = kernels.worth(b1, params.frontier_samples, params.min_particles)
-    count = band_count(region, moved, step_noise(moved, params)) if entering > 0.0 and b1 > _NEGLIGIBLE else 0
+    count = band_count(region, moved, step_noise(moved, params)) if entering > 0.0 and b1 > _WORTH_A_SEARCH else 0
     if count:
         u = rng.random((2 * wanted, 4))
         found = kernels.entries(region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True)
         fresh.append((2, entering, found[:wanted]))
-    if carried > 0.0 and b1 > _NEGLIGIBLE:
+    if carried > 0.0 and b1 > _WORTH_A_SEARCH:
         fresh.append((3, b1 * carried, particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)))
     left = b1
     for k, mass, poses in fresh:

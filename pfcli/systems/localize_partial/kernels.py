@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import wrap
-from pfcli.core.grid.region import Region, crosses_wall, place_at
+from pfcli.core.geometry import sin_cos, wrap
+from pfcli.core.grid.region import Region, clear_way, crosses_wall, place_at
 from pfcli.core.jit import kernel
-from pfcli.core.resample.kld import bound, occupied_bins
+from pfcli.core.resample.kld import enough
 from pfcli.core.resample.systematic import choose
 from pfcli.core.threads import spread
 
@@ -16,10 +16,11 @@ WALL_FACTOR = 1e-3
 
 
 @kernel
-def _move_rows(low, high, poses, classes, step, sd, z, place, frame, moved, labels, factor):  # type: ignore[no-untyped-def]
+def _move_rows(low, high, poses, classes, step, sd, z, place, to_wall, frame, moved, labels, factor):  # type: ignore[no-untyped-def]
+    per_m2 = frame[0] * frame[0] + frame[3] * frame[3]
     for i in range(low, high):
         dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
-        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        s, c = sin_cos(poses[i, 2])
         x, y = poses[i, 0] + c * dx - s * dy, poses[i, 1] + s * dx + c * dy
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, wrap(poses[i, 2] + step[2] + sd[2] * z[i, 2])
         inside = place_at(place, frame, x, y) != 0
@@ -27,7 +28,14 @@ def _move_rows(low, high, poses, classes, step, sd, z, place, frame, moved, labe
             labels[i] = 6 if inside else 5
         else:
             labels[i] = 3 if inside else 4
-        factor[i] = WALL_FACTOR if crosses_wall(place, frame, poses[i, 0], poses[i, 1], x, y) else 1.0
+        clear = clear_way(to_wall, frame, poses[i, 0], poses[i, 1])
+        # most particles are far from all walls; to ask cell by cell costs as much as all the rest
+        if clear * clear > per_m2 * (dx * dx + dy * dy) or not crosses_wall(
+            place, frame, poses[i, 0], poses[i, 1], x, y
+        ):
+            factor[i] = 1.0
+        else:
+            factor[i] = WALL_FACTOR
 
 
 def move(
@@ -45,7 +53,8 @@ def move(
     """
     n = poses.shape[0]
     moved, labels, factor = np.empty((n, 3)), np.empty(n, np.uint8), np.empty(n)
-    spread(_move_rows, n, poses, classes, step, sd, z, region.place, region.frame, moved, labels, factor, least=2000)
+    grid = (region.place, region.to_wall, region.frame)
+    spread(_move_rows, n, poses, classes, step, sd, z, *grid, moved, labels, factor, least=2000)
     return moved, labels, factor
 
 
@@ -117,35 +126,37 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
     Returns (poses, classes, weights).
     """
     n = poses.shape[0]
-    room = n + (LAST - FIRST + 1) * most
+    sizes, mass, squares, limits = np.zeros(7, np.int64), np.zeros(7), np.zeros(7), np.zeros(7, np.int64)
+    for i in range(n):
+        k = classes[i]
+        sizes[k] += 1
+        mass[k] += weights[i]
+        squares[k] += weights[i] * weights[i]
+    # an entry starts with little weight and must live until the map has spoken; an exit is tracked by odometry alone
+    limits[2] = limits[3] = most
+    limits[4] = worth(mass[4], max(min(least, most), most // 10), least)
+    limits[5] = worth(mass[5], max(min(least, most), most // 10), least)
+    limits[6] = worth(mass[6], most, least)
+    room = limits.sum()
     new_poses, new_classes, new_weights = np.empty((room, 3)), np.empty(room, np.uint8), np.empty(room)
-    members = np.empty(n, np.int64)
     count = 0
     for k in range(FIRST, LAST + 1):
-        m, mass, squares = 0, 0.0, 0.0
+        if sizes[k] == 0 or mass[k] <= negligible:
+            continue
+        cluster = np.empty(sizes[k], np.int64)
+        m = 0
         for i in range(n):
             if classes[i] == k:
-                members[m] = i
+                cluster[m] = i
                 m += 1
-                mass += weights[i]
-                squares += weights[i] * weights[i]
-        if m == 0 or mass <= negligible:
-            continue
-        # an entry starts with little weight and must live until the map has spoken; an exit is tracked by odometry alone
-        limit = most if k == 2 or k == 3 else worth(mass, most if k == 6 else max(min(least, most), most // 10), least)
-        if m <= limit and mass * mass >= share * m * squares:
+        if m <= limits[k] and mass[k] * mass[k] >= share * m * squares[k]:
             for j in range(m):
-                new_poses[count], new_classes[count], new_weights[count] = poses[members[j]], k, weights[members[j]]
+                new_poses[count], new_classes[count], new_weights[count] = poses[cluster[j]], k, weights[cluster[j]]
                 count += 1
             continue
-        cluster = members[:m]
-        wanted = limit
-        chosen = cluster[choose(weights[cluster], u[k], wanted)]
-        if error > 0.0:
-            bins = occupied_bins(poses, chosen, side_m, side_rad)
-            wanted = max(min(least, limit), min(limit, bound(bins, error, 2.33)))
-            chosen = cluster[choose(weights[cluster], u[k], wanted)]
+        wanted = enough(poses, weights, cluster, u[k], least, limits[k], error, side_m, side_rad)
+        chosen = choose(weights[cluster], u[k], wanted)
         for j in range(wanted):
-            new_poses[count], new_classes[count], new_weights[count] = poses[chosen[j]], k, mass / wanted
+            new_poses[count], new_classes[count], new_weights[count] = poses[cluster[chosen[j]]], k, mass[k] / wanted
             count += 1
     return new_poses[:count], new_classes[:count], new_weights[:count]

@@ -30,7 +30,7 @@ _COARSE_BEAMS = 50
 _COARSE_STEPS = (0.15, 0.035, 0.12)
 """Steps (m, rad) and end point spread (m) of the coarse search; a beam count at which it still sees a room."""
 _COARSE_GAIN = 0.005
-"""A correction is worth a second start from this much more mean likelihood on."""
+"""A correction is worth a second start from this much more mean likelihood on: else odometry is as good."""
 
 
 class Info(NamedTuple):
@@ -172,7 +172,9 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
     thinned = points.ends[:: max(1, points.ends.shape[0] // _COARSE_BEAMS)].copy()
     near = scan_match.Window(params.coarse_xy_m, matcher.coarse_yaw_rad, *_COARSE_STEPS)
     lead = int(np.argmax(state.score))
-    corrections = np.tile(_look(state.maps, lead, predicted[lead], thinned, near), (params.particles, 1))
+    corrections = np.tile(
+        scan_match.coarse(state.maps, lead, predicted[lead], thinned, near, _COARSE_GAIN), (params.particles, 1)
+    )
     match = scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
     lost = np.flatnonzero((match.inliers >= 0.0) & (match.inliers < params.rescue_inliers))
     if lost.size == 0:
@@ -180,16 +182,8 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
     # the loop was missed or a wheel has slipped: such particles look around in their own map, farther
     wide = near._replace(half_xy_m=params.rescue_xy_m)
     for i in lost.tolist():
-        corrections[i] = _look(state.maps, i, predicted[i], thinned, wide)
+        corrections[i] = scan_match.coarse(state.maps, i, predicted[i], thinned, wide, _COARSE_GAIN)
     return scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
-
-
-def _look(
-    maps: tiles.Tiles, i: int, predicted: NDArray[np.float64], points: NDArray[np.float64], window: scan_match.Window
-) -> NDArray[np.float64]:
-    """Correction to the odometry that particle i's map proposes; zero where odometry is as good."""
-    correction, better = scan_match.coarse(maps, i, predicted, points, window)
-    return correction if better > _COARSE_GAIN else np.zeros(3)
 
 
 def _resample(
