@@ -45,7 +45,8 @@ def enough(poses, weights, cluster, u, least, limit, error, side_m, side_rad):  
     poses: (n, 3); weights: (n,); cluster: (m,), indices of these; u: offset of the draw in [0, 1); least, limit: fewest and
     most offspring; error: Kullback-Leibler distance that may be lost (0: always `limit`); side_m, side_rad: of a bin.
     """
-    drawn = limit if error == 0.0 else min(limit, 4 * least)
+    # improbable hypotheses count as well: several draws for each member
+    drawn = limit if error == 0.0 else min(limit, max(4 * least, 4 * cluster.size))
     while error > 0.0:
         bins = occupied_bins(poses, cluster[choose(weights[cluster], u, drawn)], side_m, side_rad)
         wanted = max(min(least, limit), bound(bins, error, 2.33))
