@@ -51,6 +51,27 @@ def test_occupied_bins_are_counted_up_to_rare_collisions() -> None:
     assert len(keys) * (1 - 1 / 12) < found <= len(keys)
 
 
+def test_as_many_are_drawn_as_the_bound_needs_for_what_they_hit() -> None:
+    rng = np.random.default_rng(5)
+    near, apart = rng.normal(0.1, 0.01, (3000, 3)), uniform(np.array([[0.0, 0.0]]), 9.0, 3000, rng)
+    weights, all_of, few = np.full(3000, 1 / 3000), np.arange(3000), np.arange(40)
+
+    def size(poses: np.ndarray, cluster: np.ndarray, limit: int, error: float) -> int:
+        return int(kld.sample_size(poses, weights, cluster, 0.5, 20, limit, error, 0.5, 0.26))
+
+    assert size(near, all_of, 50_000, 0.0) == 50_000
+    assert size(near, all_of, 50_000, 0.01) == 20
+    assert size(near, all_of, 7, 0.01) == 7
+    hit = kld.occupied_bins(apart, all_of, 0.5, 0.26)
+    # the more slots, the rarer two bins meet in one
+    assert size(apart, all_of, 10**6, 0.05) == pytest.approx(kld.bound(hit, 0.05, 2.33), rel=1 / 12)
+    assert size(apart, all_of, 5000, 0.05) == 5000
+    # 40 members ask for more than the first 160 draws
+    wanted = kld.bound(kld.occupied_bins(apart, few, 0.5, 0.26), 0.05, 2.33)
+    assert size(apart, few, 10**6, 0.05) == pytest.approx(wanted, rel=1 / 12)
+    assert wanted > 160
+
+
 def test_choosing_any_number_keeps_the_proportions() -> None:
     weights = np.array([1.0, 3.0, 0.0, 4.0])
     counts = np.bincount(systematic.choose(weights, 0.4, 80), minlength=4)

@@ -54,7 +54,7 @@ def test_a_clear_way_meets_no_wall() -> None:
     rng = np.random.default_rng(0)
     clear = 0
     for x, y, dx, dy in np.column_stack([rng.uniform(-0.5, 8.5, (4000, 2)), rng.normal(0, 0.3, (4000, 2))]):
-        if region.clear_way(found.to_wall, found.frame, x, y) > np.hypot(dx, dy) / 0.05:
+        if region.clearance(found.to_wall, found.frame, x, y) > np.hypot(dx, dy) / 0.05:
             clear += 1
             assert not region.crosses_wall(found.place, found.frame, x, y, x + dx, y + dy)
     assert clear > 500

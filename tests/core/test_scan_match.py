@@ -1,5 +1,7 @@
 """The matcher against exact scenes and a slow oracle."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -161,3 +163,41 @@ def test_a_scan_on_unknown_map_keeps_the_odometry() -> None:
     m = scan_match.match(maps, prior, np.eye(3) * 100, np.zeros((2, 3)), points, scan_match.Matcher())
     assert m.pose == pytest.approx(prior)
     assert (m.inliers == -1).all()
+
+
+def test_a_search_that_gives_poses_up_early_finds_what_one_without_does(room: tiles.Tiles) -> None:
+    rng = np.random.default_rng(8)
+    window = scan_match.Window(0.3, 0.35, 0.15, 0.035, 0.12)
+    table = scan_match._likelihoods(room.resolution_m / window.sigma_m)
+    found = 0
+    for count in (0, 1, 7, 8, 9, 50, 50, 50, 50):
+        true = np.array([rng.uniform(3.2, 4.8), rng.uniform(1.8, 3.2), rng.uniform(-3, 3)])
+        start = true + rng.normal(0, [0.15, 0.15, 0.15])
+        points = _points(_scan(true, rng)).ends[:: 271 // max(1, count)][:count].copy()
+        rotated = np.empty(points.shape)
+        scan_match._turned(points, start[2], 20.0, rotated)
+        before = scan_match._coarse_score(room, 0, start[0], start[1], rotated, table, -1.0)
+        best, expected = before + 0.005, np.zeros(3)
+        for a in range(-10, 11):
+            scan_match._turned(points, start[2] + 0.035 * a, 20.0, rotated)
+            for dx, dy in itertools.product(0.15 * np.arange(-2, 3), repeat=2):
+                c, s = np.cos(start[2]), np.sin(start[2])
+                x, y = start[0] + c * dx - s * dy, start[1] + s * dx + c * dy
+                penalty = 0.03 * ((dx * dx + dy * dy) / (2 * 0.3**2) + (0.035 * a / 0.35) ** 2)
+                score = scan_match._coarse_score(room, 0, x, y, rotated, table, -1.0) - penalty
+                if score > best:
+                    best, expected = score, np.array([dx, dy, 0.035 * a])
+        assert scan_match.coarse(room, 0, start, points, window, 0.005) == pytest.approx(expected)
+        found += expected.any()
+    assert found >= 4
+
+
+def test_a_second_start_near_the_first_changes_nothing(room: tiles.Tiles) -> None:
+    rng = np.random.default_rng(9)
+    true = np.array([4.0, 2.5, 0.7])
+    points, prior = _points(_scan(true, rng)).ends, true + np.array([0.03, -0.02, 0.02])
+    once, twice = (
+        scan_match.match(room, prior[None], np.eye(3) * 100, offered[None], points, scan_match.Matcher())
+        for offered in (np.zeros(3), np.array([0.05, 0.05, 0.0]))
+    )
+    assert np.abs(once.pose - twice.pose).max() < 3e-3

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from pfcli.core.grid.region import places, region_of
+from pfcli.core.grid.region import crosses_wall, places, region_of
 from pfcli.core.sensor import likelihood_field
 from pfcli.events import Pose2
 from pfcli.formats.map_yaml import GridMap
@@ -56,6 +56,19 @@ def test_a_particle_that_drives_through_a_wall_is_nearly_killed_and_not_called_o
     assert factor[0] == kernels.WALL_FACTOR
 
 
+def test_moves_far_from_walls_are_not_asked_and_the_answer_is_the_same() -> None:
+    cells = np.zeros((60, 80), np.int8)
+    cells[20:40, 30] = cells[0] = 1
+    turned = region_of(cells, 0.05, (2.0, -1.0, 0.6))
+    rng = np.random.default_rng(3)
+    pose = np.column_stack([rng.uniform(-2, 7, 3000), rng.uniform(-3, 5, 3000), rng.uniform(-3, 3, 3000)])
+    step, sd, z = np.array([0.3, 0.0, 0.1]), np.array([0.1, 0.1, 0.1]), rng.standard_normal((3000, 3))
+    moved, _, factor = kernels.move(pose, np.full(3000, 3, np.uint8), step, sd, z, turned)
+    crossed = [crosses_wall(turned.place, turned.frame, *p[:2], *q[:2]) for p, q in zip(pose, moved, strict=True)]
+    assert (factor == np.where(crossed, kernels.WALL_FACTOR, 1.0)).all()
+    assert 30 < sum(crossed) < 1000
+
+
 def test_entries_stand_at_the_frontier_and_were_outside_before_the_step(assets: Assets) -> None:
     u = np.random.default_rng(0).random((4000, 4))
     step = np.array([0.1, 0.0, 0.2])
@@ -67,6 +80,19 @@ def test_entries_stand_at_the_frontier_and_were_outside_before_the_step(assets: 
     assert 100 < len(found) < 4000
     assert (found[:, 0] > 5.3).all()
     assert (places(region, xy) == 0).all()
+
+
+def test_where_a_robot_came_in_is_asked_only_where_it_may_be_outside(assets: Assets) -> None:
+    reading = _reading(0.1, _seen_from(3.0, 1.5))
+    inside = np.array([[3.0, 1.5, 0.0]]), np.array([3], np.uint8)
+    for b1, kinds in ((2.9e-4, {3}), (3.1e-4, {2, 3})):
+        found = corrected._arrive(
+            *inside, np.array([1.0 - b1]), b1, reading, np.eye(7), assets, Params(frontier_samples=500), Draw(0)
+        )
+        assert set(found[1].tolist()) == kinds
+        assert (found[1].size > 1) == (b1 > 3e-4)
+        if b1 < 3e-4:
+            assert found[2].sum() + found[3] == pytest.approx(1.0, abs=1e-12)
 
 
 def test_flows_add_up_to_the_weights() -> None:

@@ -104,7 +104,7 @@ def crosses_wall(place, frame, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def clear_way(to_wall, frame, x, y):  # type: ignore[no-untyped-def]
+def clearance(to_wall, frame, x, y):  # type: ignore[no-untyped-def]
     """How far (cells) a move from (x, y) certainly meets no wall; 0 where it may."""
     ix = int(np.floor(frame[0] * x + frame[1] * y + frame[2]))
     iy = int(np.floor(frame[3] * x + frame[4] * y + frame[5]))

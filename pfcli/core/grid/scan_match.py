@@ -21,9 +21,9 @@ NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
 _SLIPPED = 2.0
 """A pose counts as slipped where the uniform part is half of the motion prior or more."""
 _ASK = 8
-"""After so many end points a coarse score is asked whether it can still become the best."""
+"""After so many end points a coarse score is asked whether it can still become the best; every so many-th comes first."""
 _CONVERGED, _SAME = 1e-3, 2e-3
-"""A way (m, or half-metres per radian) after which a match stands still, and within which two matches are the same."""
+"""A step (m, a radian counts two) after which a match stands still, and within which two matches are the same."""
 
 
 class Matcher(NamedTuple):
@@ -212,7 +212,7 @@ def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type
 
 @inline_kernel
 def _apart(pose, other):  # type: ignore[no-untyped-def]
-    """How far from each other: metres, and half-metres per radian."""
+    """How far from each other (m, a radian counts two)."""
     return abs(pose[0] - other[0]) + abs(pose[1] - other[1]) + 2.0 * abs(wrap(pose[2] - other[2]))
 
 
@@ -220,8 +220,8 @@ def _apart(pose, other):  # type: ignore[no-untyped-def]
 def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m, rival, work, hessian):  # type: ignore[no-untyped-def]
     """Move `pose` to the maximum of likelihood x prior^trust: wide robust cost first, then narrow.
 
-    rival: an optimum that is known; towards it there is no need to go on. Leaves the information of the posterior in
-    `hessian`; returns the inlier share.
+    rival: where another match has ended; a pose that comes as near as `_SAME` stops. Leaves the information of the posterior
+    in `hessian`; returns the inlier share.
     """
     step, gradient, low = np.empty(3), np.empty(3), np.zeros((3, 3))
     inliers, wide = -1.0, True
@@ -267,7 +267,7 @@ def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _coarse_score(tiles, i, x, y, rotated, precision, least):  # type: ignore[no-untyped-def]
+def _coarse_score(tiles, i, x, y, rotated, likelihood, least):  # type: ignore[no-untyped-def]
     """Mean likelihood of end points by their distance to the nearest occupied cell; unknown cells count a third.
 
     Given up with -1 as soon as the rest cannot bring it above `least`.
@@ -291,7 +291,7 @@ def _coarse_score(tiles, i, x, y, rotated, precision, least):  # type: ignore[no
         at, cell = np.uintp(tile), np.uintp(((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1)))
         square = squared_distance(tiles, at, cell)
         if square <= REACH * REACH:
-            total += precision[square]
+            total += likelihood[square]
         elif tiles.counts[at, cell] == 0:
             total += 0.3
     return total / n
@@ -338,12 +338,12 @@ def _search(tiles, i, start, points, window, table, gain, correction):  # type: 
             for jy in range(-n_xy, n_xy + 1):
                 dx, dy = jx * window.step_xy_m, jy * window.step_xy_m
                 x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
-                far = (dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2
-                score = _coarse_score(tiles, i, x, y, rotated, table, best + 0.03 * far) - 0.03 * far
+                penalty = (dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2
+                penalty *= 0.03
+                score = _coarse_score(tiles, i, x, y, rotated, table, best + penalty) - penalty
                 if score > best:
                     best = score
                     correction[0], correction[1], correction[2] = dx, dy, turn
-    return best - before if best > before + gain else 0.0
 
 
 @functools.cache

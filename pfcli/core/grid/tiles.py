@@ -19,6 +19,8 @@ SIDE = 1 << BITS
 CELLS = SIDE * SIDE
 NONE = 255
 FREE = 255
+OFF_X, OFF_Y, MEAN_X, MEAN_Y = range(4)
+"""Columns of `Tiles.surface`."""
 REACH = 8
 """Cells up to which the nearest occupied cell is known (0.4 m at 0.05 m)."""
 _SATURATED = 254
@@ -34,8 +36,8 @@ class Tiles(NamedTuple):
     counts: uint16 (capacity, 1024), visits in the low byte and hits in the high one;
     mean: float32 (capacity, 1024, 2), in cells from the cell's corner;
     surface: uint8 (capacity, 1024, 4), offset in cells to the nearest occupied cell plus REACH (NONE, any where there is none
-    in reach), and the mean in 1/254 cell (FREE, any where the cell is not occupied). Matching reads only this, one cache line
-    an end point (4 KiB a tile).
+    in reach), and the mean in 1/254 cell (FREE, any where the cell is not occupied). Matching reads this, 4 KiB a tile: one
+    cache line where the end point's own cell is occupied; and `counts` where nothing is in reach.
     """
 
     index: NDArray[np.int32]  # type: ignore[assignment]  # shadows tuple.index, which nobody calls
@@ -157,8 +159,8 @@ def _foreign(flat, refs, marks):  # type: ignore[no-untyped-def]
 def _clear(tiles, tile):  # type: ignore[no-untyped-def]
     for k in range(CELLS):
         tiles.counts[tile, k] = 0
-        tiles.surface[tile, k, 0] = NONE
-        tiles.surface[tile, k, 2] = FREE
+        tiles.surface[tile, k, OFF_X] = NONE
+        tiles.surface[tile, k, MEAN_X] = FREE
 
 
 @kernel
@@ -204,25 +206,25 @@ def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
     if tile < 0:
         return 0, 0.0, 0.0
     at, cell = np.uintp(tile), np.uintp(((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1)))
-    off_x = tiles.surface[at, cell, 0]
+    off_x = tiles.surface[at, cell, OFF_X]
     if off_x == NONE:
         return (1 if tiles.counts[at, cell] > 0 else 0), 0.0, 0.0
-    jx, jy = ix + np.int64(off_x) - REACH, iy + np.int64(tiles.surface[at, cell, 1]) - REACH
+    jx, jy = ix + np.int64(off_x) - REACH, iy + np.int64(tiles.surface[at, cell, OFF_Y]) - REACH
     tile = np.uintp(tiles.index[i, jy >> BITS, jx >> BITS])
     there = np.uintp(((jy & (SIDE - 1)) << BITS) | (jx & (SIDE - 1)))
-    sx = tiles.surface[tile, there, 2]
+    sx = tiles.surface[tile, there, MEAN_X]
     if sx == FREE:
         return 1, 0.0, 0.0
-    return 2, jx + sx * _STEP, jy + tiles.surface[tile, there, 3] * _STEP
+    return 2, jx + sx * _STEP, jy + tiles.surface[tile, there, MEAN_Y] * _STEP
 
 
 @inline_kernel
 def squared_distance(tiles, tile, cell):  # type: ignore[no-untyped-def]
     """Squared distance in cells from a cell to the nearest occupied one; above REACH^2 where none is in reach."""
-    off_x = np.int64(tiles.surface[tile, cell, 0]) - REACH
+    off_x = np.int64(tiles.surface[tile, cell, OFF_X]) - REACH
     if off_x == NONE - REACH:
         return REACH * REACH + 1
-    off_y = np.int64(tiles.surface[tile, cell, 1]) - REACH
+    off_y = np.int64(tiles.surface[tile, cell, OFF_Y]) - REACH
     return off_x * off_x + off_y * off_y
 
 
@@ -365,7 +367,7 @@ def _visit_hit(tiles, tile, cell):  # type: ignore[no-untyped-def]
     before = np.int64(tiles.counts[tile, cell])
     seen, hits = (before & 255) + 1, before >> 8
     if 4 * hits <= seen:
-        tiles.surface[tile, cell, 2] = FREE
+        tiles.surface[tile, cell, MEAN_X] = FREE
     if seen > _SATURATED:
         hits >>= 1
         seen >>= 1
@@ -392,9 +394,9 @@ def _hit(tiles, i, x, y):  # type: ignore[no-untyped-def]
         tiles.mean[tile, cell, 1] += (y - cy - tiles.mean[tile, cell, 1]) / hits
     if 4 * hits <= visits:
         return
-    fresh = tiles.surface[tile, cell, 2] == FREE
-    tiles.surface[tile, cell, 2] = np.uint8(tiles.mean[tile, cell, 0] * 254 + 0.5)
-    tiles.surface[tile, cell, 3] = np.uint8(tiles.mean[tile, cell, 1] * 254 + 0.5)
+    fresh = tiles.surface[tile, cell, MEAN_X] == FREE
+    tiles.surface[tile, cell, MEAN_X] = np.uint8(tiles.mean[tile, cell, 0] * 254 + 0.5)
+    tiles.surface[tile, cell, MEAN_Y] = np.uint8(tiles.mean[tile, cell, 1] * 254 + 0.5)
     # a neighbour may still point at a nearer cell that has become free: announce this one again now and then
     heal = hits == 8 or hits == 64 or hits == 512
     if fresh or heal:
@@ -419,8 +421,8 @@ def _announce(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
                 dx = x + k - cx
                 cell = first + np.uintp(k)
                 if dx * dx + high < squared_distance(tiles, tile, cell):
-                    tiles.surface[tile, cell, 0] = REACH - dx
-                    tiles.surface[tile, cell, 1] = REACH - dy
+                    tiles.surface[tile, cell, OFF_X] = REACH - dx
+                    tiles.surface[tile, cell, OFF_Y] = REACH - dy
             x = stop + 1
 
 
@@ -431,13 +433,13 @@ def _forget_freed(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
         for x in range(cx - REACH, cx + REACH + 1):
             tile = tiles.index[i, y >> BITS, x >> BITS]
             cell = ((y & (SIDE - 1)) << BITS) | (x & (SIDE - 1))
-            off_x = tiles.surface[tile, cell, 0]
+            off_x = tiles.surface[tile, cell, OFF_X]
             if off_x == NONE or (x - cx) ** 2 + (y - cy) ** 2 > REACH * REACH:
                 continue
-            ox, oy = x + np.int64(off_x) - REACH, y + np.int64(tiles.surface[tile, cell, 1]) - REACH
+            ox, oy = x + np.int64(off_x) - REACH, y + np.int64(tiles.surface[tile, cell, OFF_Y]) - REACH
             other = tiles.index[i, oy >> BITS, ox >> BITS]
-            if tiles.surface[other, ((oy & (SIDE - 1)) << BITS) | (ox & (SIDE - 1)), 2] == FREE:
-                tiles.surface[tile, cell, 0] = NONE
+            if tiles.surface[other, ((oy & (SIDE - 1)) << BITS) | (ox & (SIDE - 1)), MEAN_X] == FREE:
+                tiles.surface[tile, cell, OFF_X] = NONE
 
 
 @kernel
@@ -452,7 +454,7 @@ def classify(tiles, i):  # type: ignore[no-untyped-def]
                 continue
             for k in range(CELLS):
                 if tiles.counts[tile, k] > 0:
-                    occupied = tiles.surface[tile, k, 2] != FREE
+                    occupied = tiles.surface[tile, k, MEAN_X] != FREE
                     out[r * SIDE + (k >> BITS), c * SIDE + (k & (SIDE - 1))] = 1 if occupied else 0
     return out
 

@@ -39,18 +39,19 @@ def occupied_bins(poses, chosen, side_m, side_rad):  # type: ignore[no-untyped-d
 
 
 @kernel
-def enough(poses, weights, cluster, u, least, limit, error, side_m, side_rad):  # type: ignore[no-untyped-def]
-    """How many offspring of a cluster keep its spread: more are drawn until the bound holds.
+def sample_size(poses, weights, cluster, u, least, limit, error, side_m, side_rad):  # type: ignore[no-untyped-def]
+    """How many offspring of a cluster keep its spread: more are drawn on trial until the bound holds for what they hit.
 
     poses: (n, 3); weights: (n,); cluster: (m,), indices of these; u: offset of the draw in [0, 1); least, limit: fewest and
     most offspring; error: Kullback-Leibler distance that may be lost (0: always `limit`); side_m, side_rad: of a bin.
     """
-    # improbable hypotheses count as well: several draws for each member
-    drawn = limit if error == 0.0 else min(limit, max(4 * least, 4 * cluster.size))
-    while error > 0.0:
+    if error == 0.0:
+        return limit
+    # improbable hypotheses count as well: several draws for each member (one in 4 n of the weight may be missed)
+    drawn = min(limit, max(4 * least, 4 * cluster.size))
+    while True:
         bins = occupied_bins(poses, cluster[choose(weights[cluster], u, drawn)], side_m, side_rad)
         wanted = max(min(least, limit), bound(bins, error, 2.33))
         if wanted <= drawn or drawn == limit:
             return min(wanted, limit)
         drawn = min(limit, max(4 * drawn, wanted))
-    return drawn

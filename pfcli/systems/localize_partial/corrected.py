@@ -20,7 +20,7 @@ from pfcli.systems.pace import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
-_WORTH_A_SEARCH = 1e-4
+_WORTH_A_SEARCH = 3e-4
 """Mass of class 1 from which it is asked where it may have come in: surprises raise it in a few scans."""
 _BACK = 1e-7
 """Mass of class 6 from which it is gathered."""

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import sin_cos, wrap
-from pfcli.core.grid.region import Region, clear_way, crosses_wall, place_at
+from pfcli.core.grid.region import Region, clearance, crosses_wall, place_at
 from pfcli.core.jit import kernel
-from pfcli.core.resample.kld import enough
+from pfcli.core.resample.kld import sample_size
 from pfcli.core.resample.systematic import choose
 from pfcli.core.threads import spread
 
@@ -28,7 +28,7 @@ def _move_rows(low, high, poses, classes, step, sd, z, place, to_wall, frame, mo
             labels[i] = 6 if inside else 5
         else:
             labels[i] = 3 if inside else 4
-        clear = clear_way(to_wall, frame, poses[i, 0], poses[i, 1])
+        clear = clearance(to_wall, frame, poses[i, 0], poses[i, 1])
         # most particles are far from all walls; to ask cell by cell costs as much as all the rest
         if clear * clear > per_m2 * (dx * dx + dy * dy) or not crosses_wall(
             place, frame, poses[i, 0], poses[i, 1], x, y
@@ -62,7 +62,7 @@ def move(
 def entries(edge_xy, count, resolution_m, step, u, place, frame, strict):  # type: ignore[no-untyped-def]
     """Poses of robots that may just have come in: near a frontier, and outside before the step. Zhang 2010, definition 1.
 
-    edge_xy: (e, 2), of which the first `count` cells are near enough; u: (n, 4) in [0, 1). strict: only headings with
+    edge_xy: (e, 2), of which the first `count` cells are near sample_size; u: (n, 4) in [0, 1). strict: only headings with
     which the step came from outside, on a way free of walls. Returns (m, 3), m <= n.
     """
     out = np.empty((u.shape[0], 3))
@@ -154,7 +154,7 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
                 new_poses[count], new_classes[count], new_weights[count] = poses[cluster[j]], k, weights[cluster[j]]
                 count += 1
             continue
-        wanted = enough(poses, weights, cluster, u[k], least, limits[k], error, side_m, side_rad)
+        wanted = sample_size(poses, weights, cluster, u[k], least, limits[k], error, side_m, side_rad)
         chosen = choose(weights[cluster], u[k], wanted)
         for j in range(wanted):
             new_poses[count], new_classes[count], new_weights[count] = poses[cluster[chosen[j]]], k, mass[k] / wanted
