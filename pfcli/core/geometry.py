@@ -1,30 +1,8 @@
 """Poses in the plane as (x, y, yaw) rows, composed and related by kernels."""
 
-from math import factorial
-
 import numpy as np
 
 from pfcli.core.jit import inline_kernel, kernel
-
-_PER_QUADRANT, _QUADRANT, _REST = 2.0 / np.pi, float(np.float32(np.pi / 2)), np.pi / 2 - float(np.float32(np.pi / 2))
-"""A quarter turn in two parts: products of the first with small whole numbers are exact."""
-_S3, _S5, _S7, _S9, _S11, _S13, _S15 = ((-1) ** (k // 2) / factorial(k) for k in range(3, 16, 2))
-_C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1) ** (k // 2) / factorial(k) for k in range(2, 17, 2))
-
-
-@inline_kernel
-def sin_cos(angle):  # type: ignore[no-untyped-def]
-    """Sine and cosine to 5e-16 (|angle| < 2 pi): Taylor series in the nearest quadrant, which loops do for several angles at
-    once; the two library functions cost ten times as much."""
-    k = np.floor(angle * _PER_QUADRANT + 0.5)
-    r = (angle - k * _QUADRANT) - k * _REST
-    q = r * r
-    s = r + r * (q * (_S3 + q * (_S5 + q * (_S7 + q * (_S9 + q * (_S11 + q * (_S13 + q * _S15)))))))
-    c = 1.0 + q * (_C2 + q * (_C4 + q * (_C6 + q * (_C8 + q * (_C10 + q * (_C12 + q * (_C14 + q * _C16)))))))
-    turn = k - 4.0 * np.floor(0.25 * k)
-    odd, back = (turn == 1.0) | (turn == 3.0), (turn == 1.0) | (turn == 2.0)
-    sine, cosine = (c if odd else s), (s if odd else c)
-    return (-sine if turn >= 2.0 else sine), (-cosine if back else cosine)
 
 
 @inline_kernel

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pfcli.core.geometry import between, cholesky3, compose, sin_cos, solve3, spread_residual, wrap
+from pfcli.core.geometry import between, cholesky3, compose, solve3, spread_residual, wrap
 
 POSE = st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(-3.1, 3.1))
 
@@ -43,12 +43,3 @@ def test_the_residual_of_an_update_is_spread_along_the_way() -> None:
     assert spread_residual(start, end, odometry, reached) == pytest.approx(
         np.array([[0.0, 0, 0], [0.25, 0.1, 0], [0.75, 0.3, 0]])
     )
-
-
-def test_sine_and_cosine_equal_those_of_the_library() -> None:
-    angles = np.concatenate(
-        [np.random.default_rng(0).uniform(-2 * np.pi, 2 * np.pi, 5000), np.arange(-8, 9) * np.pi / 4]
-    )
-    for some, within in ((angles, 5e-16), (1e4 * angles, 5e-12)):
-        found = np.array([sin_cos(a) for a in some])
-        assert np.abs(found - np.column_stack([np.sin(some), np.cos(some)])).max() < within

@@ -81,7 +81,7 @@ def _centres(
 
 @inline_kernel
 def place_at(place, frame, x, y):  # type: ignore[no-untyped-def]
-    """OUTSIDE, INSIDE or WALL at (x, y), map frame (m)."""
+    """What a grid holds at (x, y), map frame (m): OUTSIDE, INSIDE or WALL; 0, which is OUTSIDE, off the grid."""
     ix = int(np.floor(frame[0] * x + frame[1] * y + frame[2]))
     iy = int(np.floor(frame[3] * x + frame[4] * y + frame[5]))
     if ix < 0 or iy < 0 or ix >= place.shape[1] or iy >= place.shape[0]:
@@ -106,12 +106,8 @@ def crosses_wall(place, frame, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
 @inline_kernel
 def clearance(to_wall, frame, x, y):  # type: ignore[no-untyped-def]
     """How far (cells) a move from (x, y) certainly meets no wall; 0 where it may."""
-    ix = int(np.floor(frame[0] * x + frame[1] * y + frame[2]))
-    iy = int(np.floor(frame[3] * x + frame[4] * y + frame[5]))
-    if ix < 0 or iy < 0 or ix >= to_wall.shape[1] or iy >= to_wall.shape[0]:
-        return 0.0
     # start and wall are at most 0.71 cells from the centres of their cells
-    return max(0.0, to_wall[iy, ix] - 1.5)
+    return max(0.0, place_at(to_wall, frame, x, y) - 1.5)
 
 
 @kernel

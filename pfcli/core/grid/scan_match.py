@@ -338,8 +338,7 @@ def _search(tiles, i, start, points, window, table, gain, correction):  # type: 
             for jy in range(-n_xy, n_xy + 1):
                 dx, dy = jx * window.step_xy_m, jy * window.step_xy_m
                 x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
-                penalty = (dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2
-                penalty *= 0.03
+                penalty = 0.03 * ((dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2)
                 score = _coarse_score(tiles, i, x, y, rotated, table, best + penalty) - penalty
                 if score > best:
                     best = score

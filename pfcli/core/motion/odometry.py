@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import sin_cos, wrap
+from pfcli.core.geometry import wrap
 from pfcli.core.jit import kernel
 
 
@@ -44,7 +44,7 @@ def information(step, noise):  # type: ignore[no-untyped-def]
 def _predict_rows(low, high, poses, step, sd, z, out):  # type: ignore[no-untyped-def]
     for i in range(low, high):
         dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
-        s, c = sin_cos(poses[i, 2])
+        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         out[i, 0], out[i, 1] = poses[i, 0] + c * dx - s * dy, poses[i, 1] + s * dx + c * dy
         out[i, 2] = wrap(poses[i, 2] + step[2] + sd[2] * z[i, 2])
 

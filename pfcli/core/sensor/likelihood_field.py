@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import sin_cos
 from pfcli.core.grid.distance import distance_m
 from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.threads import rows_of, spread
@@ -124,8 +123,7 @@ def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, ba
         for i in range(n):
             x, y, turn = poses[first + i, 0], poses[first + i, 1], poses[first + i, 2] - yaw
             gx[i], gy[i] = frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]
-            sine, cosine = sin_cos(turn)
-            c[i], s[i], total[i] = cosine * scale, sine * scale, 0.0
+            c[i], s[i], total[i] = np.cos(turn) * scale, np.sin(turn) * scale, 0.0
         for b in range(points.shape[1]):
             _cells_of(gx, gy, c, s, points[0, b], points[1, b], rows, cols, each, shift[b], at, n)
             _look_up(table, at, found, n)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import sin_cos, wrap
+from pfcli.core.geometry import wrap
 from pfcli.core.grid.region import Region, clearance, crosses_wall, place_at
 from pfcli.core.jit import kernel
 from pfcli.core.resample.kld import sample_size
@@ -20,7 +20,7 @@ def _move_rows(low, high, poses, classes, step, sd, z, place, to_wall, frame, mo
     per_m2 = frame[0] * frame[0] + frame[3] * frame[3]
     for i in range(low, high):
         dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
-        s, c = sin_cos(poses[i, 2])
+        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         x, y = poses[i, 0] + c * dx - s * dy, poses[i, 1] + s * dx + c * dy
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, wrap(poses[i, 2] + step[2] + sd[2] * z[i, 2])
         inside = place_at(place, frame, x, y) != 0
