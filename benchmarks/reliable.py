@@ -259,6 +259,7 @@ def plain(seeds: int, particles: int = 2000) -> None:
 
 SWITCHES: tuple[dict[str, Any], ...] = (
     {},
+    {"track_record": False},
     {"new_only": False},
     {"decision_weighs": True},
     {"rivals": 0},

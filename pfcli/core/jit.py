@@ -22,12 +22,20 @@ def cache_root() -> Path:
     return Path(home) / "pfcli"
 
 
-def _kernel_dir() -> Path:
+def _sources_digest() -> str:
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
         digest.update(source.read_bytes())
-    folder = cache_root() / f"kernels-{digest.hexdigest()[:16]}"
+    return digest.hexdigest()[:16]
+
+
+SOURCES = _sources_digest()
+"""Digest of the package's sources: whatever is kept between runs under a name with it is never stale."""
+
+
+def _kernel_dir() -> Path:
+    folder = cache_root() / f"kernels-{SOURCES}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):

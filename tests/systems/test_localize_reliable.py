@@ -15,7 +15,7 @@ from pfcli.formats import map_yaml
 from pfcli.formats.map_yaml import GridMap
 from pfcli.systems.localize_reliable import decision, sampler
 from pfcli.systems.localize_reliable.decision import Classifier, View
-from pfcli.systems.localize_reliable.protection import protection_level_m
+from pfcli.systems.localize_reliable.protection import protection_level_m, radius_of
 from pfcli.systems.localize_reliable.records import Records
 from pfcli.systems.localize_reliable.residuals import _posteriors, misaligned_share
 
@@ -140,15 +140,24 @@ def test_the_protection_level_holds_for_a_gaussian_and_gives_up_without_reliabil
     )  # and anywhere in a cell
     assert np.mean(error <= bound) >= 0.99
     assert bound < 0.25
+    for small, risk in ((1.0, 0.01), (0.2, 0.003), (0.0, 0.05)):
+        error = np.sort(np.hypot(*rng.normal(0, [1.0, max(small, 1e-9) ** 0.5], (400_000, 2)).T))
+        exact, spread = (
+            radius_of(risk, 1.0, small),
+            4 * np.sqrt(risk / 400_000),
+        )  # four standard deviations of the share
+        assert error[int((1 - risk - spread) * error.size)] <= exact <= error[int((1 - risk + spread) * error.size)]
     assert protection_level_m(cov, 0.98, grid) == pytest.approx(50.0)
 
 
 def test_recoveries_are_told_by_lost_trust_or_by_a_jump() -> None:
     records = Records(GridMap(np.zeros((9, 9), np.int8), 1.0, Pose2()), False)
-    nothing, still = np.empty((2, 0), np.float32), np.zeros(3)
+    nothing, last = np.empty((2, 0), np.float32), np.zeros(3)
     track = [(0.9, 0.0), (0.9, 0.0), (0.2, 0.0), (0.3, 0.0), (0.8, 4.0), (0.9, 4.0), (0.9, 8.0)]
     for k, (p, x) in enumerate(track):
-        records.add(k * 10**9, np.array([x, 0.0, 0.0]), p, 0.1, np.zeros(1), nothing, still)
+        pose = np.array([x, 0.0, 0.0])
+        records.add(k * 10**9, pose, p, 0.1, np.zeros(1), nothing, last)
+        last = pose
     first, second = records.recoveries()
     assert (first["lost_s"], first["after_s"], first["moved_m"]) == (2.0, 2.0, 4.0)
     assert (second["lost_s"], second["after_s"]) == (5.0, 1.0)

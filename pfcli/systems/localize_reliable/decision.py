@@ -68,7 +68,7 @@ def learn(
     model: Model,
     view: View,
     rng: np.random.Generator,
-    poses: int = 750,
+    poses: int = 1500,
 ) -> Classifier:
     """Simulate scans at random free places, with obstacles that the map lacks before 0 to 80 % of the beams, and compare
     them with the map from poses that are right, within what a tracker errs by, and from poses that are not: the best of

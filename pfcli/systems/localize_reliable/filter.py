@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate
+from pfcli.core.geometry import compose
 from pfcli.core.motion.odometry import predict
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import class_conditional
@@ -20,13 +21,14 @@ from pfcli.events import Sweep
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_reliable import decision, key_scans, proposal, sampler, start
+from pfcli.systems.localize_reliable import decision, key_scans, proposal, sampler, start, track_record
 from pfcli.systems.localize_reliable.assets import Assets, gain_of, load, model_of, reach_m, scan_of
 from pfcli.systems.localize_reliable.decision import Classifier
 from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.protection import protection_level_m
 from pfcli.systems.localize_reliable.records import Records
 from pfcli.systems.localize_reliable.residuals import misaligned_share
+from pfcli.systems.localize_reliable.track_record import TrackRecord
 from pfcli.systems.pace import step_noise, step_since
 from pfcli.systems.result import Result
 from pfcli.systems.track import TrackKeeper
@@ -39,12 +41,14 @@ _REMEMBERED = 6
 
 
 class Info(NamedTuple):
-    """One update, as a row of `metrics.parquet`; mae_m, hits, through, unknown_share, misaligned: of the scan at the
+    """One update, as a row of `metrics.parquet`; precision: P(a place is right that is trusted and was kept so long), a
+    factor of p_success; mae_m, hits, through, unknown_share, misaligned: of the scan at the
     estimate; gl_*: global samples drawn, their matches of key points, and their share of the mass; new_share: of the beams,
     that no key scan showed before."""
 
     t_ns: int
     p_success: float
+    precision: float
     protection_m: float
     mae_m: float
     hits: float
@@ -66,15 +70,18 @@ class Info(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3), log weight (n,) and p(success) (n,) of each particle; believed (n,): of the hypothesis that was
-    reported last; odometry (1, 3) of the last update; key scans; stamp of the last global sampling; what was learnt of
-    the map; what the end of the run needs."""
+    reported last; predicted: where the last estimate (3,) is now by odometry; odometry (1, 3) of the last update; places
+    that were trusted; key scans; stamp of the last global sampling; what was learnt of the map; what the end of the run
+    needs."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
     reliability: NDArray[np.float64]
     believed: NDArray[np.bool_]
+    predicted: NDArray[np.float64] | None
     odometry: NDArray[np.float64]
     way_m: float
+    record: TrackRecord
     history: list[key_scans.KeyScan]
     sampled_ns: int
     classifier: Classifier | None
@@ -93,8 +100,10 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         nothing,
         nothing,
         np.empty(0, np.bool_),
+        None,
         odometry,
         0.0,
+        track_record.NOTHING,
         [],
         -(1 << 62),
         None,
@@ -127,7 +136,7 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     key = key_scans.KeyScan(now, points, scan, worth)
     key_scans.remember(state.history, key, max(_REMEMBERED, params.gl_steps + 1))
     state, drawn, matches = _weigh(state, scan, key, sweep.stamp_ns, model, assets, params, draw)
-    return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, new, moved))
+    return _conclude(state, sweep, scan, model, assets, params, draw, (drawn, matches, new))
 
 
 def _begin(state: State, scan: Scan, sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> State:
@@ -139,7 +148,7 @@ def _begin(state: State, scan: Scan, sweep: Sweep, model: Model, assets: Assets,
         log_w=np.full(n, -np.log(n)),
         reliability=np.full(n, 0.5),
         believed=np.ones(n, np.bool_),
-        classifier=start.classifier_for(sweep, model, assets, params, draw) if params.estimate_reliability else None,
+        classifier=start.classifier_for(sweep, model, assets, params) if params.estimate_reliability else None,
     )
 
 
@@ -149,7 +158,8 @@ def _predict(state: State, moved: NDArray[np.float64], stamp_ns: int, params: Pa
     pose = predict(state.pose, moved, step_noise(moved, params), z)
     d2, a2 = moved[0] ** 2 + moved[1] ** 2, moved[2] ** 2
     left = max(0.0, 1.0 - params.decay_per_m2 * d2 - params.decay_per_rad2 * a2)
-    return state._replace(pose=pose, reliability=state.reliability * left)
+    predicted = None if state.predicted is None else compose(state.predicted[None], moved[None])[0]
+    return state._replace(pose=pose, reliability=state.reliability * left, predicted=predicted)
 
 
 def _judge(
@@ -277,21 +287,28 @@ def _conclude(
     assets: Assets,
     params: Params,
     draw: Draw,
-    done: tuple[int, int, float, NDArray[np.float64]],
+    done: tuple[int, int, float],
 ) -> tuple[State, Info]:
     """Estimate pose, classes and success, record, resample from the union. done: samples drawn, matches, share that
-    is new, the step."""
-    drawn, matches, new, moved = done
+    is new."""
+    drawn, matches, new = done
     weights, log_evidence = normalize(state.log_w)
     found = estimate.densest(state.pose, weights, _MODE_M, _MODE_RAD)
     inside = estimate.members(state.pose, found.pose, _MODE_M, _MODE_RAD)
-    p_success = float(weights[inside] @ state.reliability[inside])
+    by_scan = float(weights[inside] @ state.reliability[inside])
+    predicted = found.pose if state.predicted is None else state.predicted
+    if not estimate.members(predicted[None], found.pose, _MODE_M, _MODE_RAD)[0]:
+        state = state._replace(record=track_record.given_up(state.record, state.way_m))
+    state = state._replace(record=track_record.trusted(state.record, by_scan), predicted=found.pose)
+    counts = params.track_record and state.classifier is not None
+    precision = track_record.precision(state.record, state.way_m) if counts else 1.0
+    p_success = by_scan * precision
     fit = class_conditional.fit(found.pose[None], scan, assets.field, model)
     p_unknown, away = class_conditional.classes(found.pose, scan, assets.field, model)
     unknown = p_unknown >= params.unknown_threshold
     state.track.update(found.pose, found.cov)
     protection = protection_level_m(found.cov, p_success, assets.grid)
-    state.records.add(sweep.stamp_ns, found.pose, p_success, protection, p_unknown, scan.ends[:, unknown], moved)
+    state.records.add(sweep.stamp_ns, found.pose, p_success, protection, p_unknown, scan.ends[:, unknown], predicted)
     n_eff = float(effective_sample_size(weights))
     labels = np.where(state.reliability >= 0.5, 1, 0).astype(np.uint8)
     state.frames.offer(sweep.stamp_ns, found.pose, state.pose, scan.ends.T, labels)
@@ -301,6 +318,7 @@ def _conclude(
     info = Info(
         t_ns=sweep.stamp_ns,
         p_success=p_success,
+        precision=precision,
         protection_m=protection,
         mae_m=float(fit.mae_m[0]),
         hits=float(fit.hits[0]),

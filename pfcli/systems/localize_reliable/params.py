@@ -43,6 +43,9 @@ class Params:
     ] = ""
     decision_gain: Annotated[float, Opt("how many independent decisions one scan is worth", "", 0, 10)] = 1.0
     reliability_top: Annotated[float, Opt("p(success) stays within 1 - this and this", "", 0.5, 0.9999999)] = 0.999
+    track_record: Annotated[
+        bool, Opt("trust less where one trusted place after the other had to be given up, as in a wrong map")
+    ] = True
     decay_per_m2: Annotated[float, Opt("reliability lost by driving, squared metres", "1/m^2", 0, 100)] = 0.005
     decay_per_rad2: Annotated[float, Opt("reliability lost by turning, squared radians", "1/rad^2", 0, 100)] = 0.005
     use_gl: Annotated[bool, Opt("fuse global samples by importance sampling")] = True

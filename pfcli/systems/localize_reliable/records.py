@@ -21,7 +21,6 @@ class Records:
         self._keep_beams = keep_beams
         self._counts = np.zeros(grid.cells.size, np.uint16)
         self._stamps_ns = Rows((), np.int64)
-        self._last: NDArray[np.float64] | None = None
         self._protection = Rows()
         self._beams: list[NDArray[np.float32]] = []
         self._jumps_m = Rows()
@@ -40,14 +39,12 @@ class Records:
         protection_m: float,
         p_unknown: NDArray[np.float64],
         unknown_ends: NDArray[np.float32],
-        moved: NDArray[np.float64],
+        predicted: NDArray[np.float64],
     ) -> None:
-        """One update; unknown_ends: (2, u) end points in the base frame of the beams called unknown; moved: (3,) the step
-        since the last update."""
-        predicted = pose if self._last is None else compose(self._last[None], moved[None])[0]
+        """One update; unknown_ends: (2, u) end points in the base frame of the beams called unknown; predicted: (3,) where
+        odometry expected the pose."""
         self._jumps_m.append(float(np.hypot(*(pose - predicted)[:2])))
         self._stamps_ns.append(stamp_ns)
-        self._last = pose
         self._p_success.append(p_success)
         self._protection.append(protection_m)
         if self._keep_beams:

@@ -1,14 +1,19 @@
 """The first particles, and what is learnt of the map before the first scan is judged."""
 
+import hashlib
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import particles
+from pfcli.core.jit import SOURCES, cache_root
 from pfcli.core.sensor.class_conditional import Model, Scan
+from pfcli.errors import LogError, OutputError, UsageError
 from pfcli.events import Sweep
-from pfcli.rng import Draw, Purpose
+from pfcli.outputs import output_file
+from pfcli.rng import Purpose, rng_for
 from pfcli.systems.localize_reliable import decision, sampler
 from pfcli.systems.localize_reliable.assets import Assets, gain_of, view_of
 from pfcli.systems.localize_reliable.decision import Classifier
@@ -30,10 +35,20 @@ def scatter(scan: Scan, model: Model, assets: Assets, params: Params, rng: np.ra
     return sampler.gather(pose, _STAGES, wanted, scan, assets.field, model, gain_of(params, scan), rng)
 
 
-def classifier_for(sweep: Sweep, model: Model, assets: Assets, params: Params, draw: Draw) -> Classifier:
-    """The decision model for this scanner: read, or learnt from the map."""
+def classifier_for(sweep: Sweep, model: Model, assets: Assets, params: Params) -> Classifier:
+    """The decision model for this scanner: the user's, or learnt from the map, once: it is kept in the cache folder.
+
+    Neither the log nor the run's seed has a part in what is learnt, so that it is the same whether it was kept or not.
+    """
     view = view_of(sweep, params)
     if params.classifier:
         return decision.load(Path(params.classifier), assets.digest, view)
-    rng = draw(Purpose.CALIBRATE, sweep.stamp_ns)
-    return decision.learn(assets.free_xy, assets.field, model, view, rng)
+    about = repr((view.mount.tolist(), view.angles.tolist(), view.range_m, tuple(model)))
+    name = hashlib.sha256(about.encode()).hexdigest()[:16]
+    path = cache_root() / "classifiers" / f"{SOURCES}-{assets.digest[:24]}-{name}.json"
+    with suppress(LogError, UsageError):
+        return decision.load(path, assets.digest, view)
+    found = decision.learn(assets.free_xy, assets.field, model, view, rng_for(0, Purpose.CALIBRATE, 0))
+    with suppress(OutputError), output_file(path) as partial:
+        decision.save(partial, found, assets.digest)
+    return found

@@ -1,0 +1,55 @@
+"""How far the filter's own word can be taken: which share of the places that it trusted were right?
+
+In a wrong map scans fit here and there, and the decision model is content with each for some metres: what gives such a
+map away is that one trusted place after the other is left again. A right place is left after `_RIGHT_M` on average
+(somebody carries the robot), a wrong one after `_WRONG_M`, both exponentially; the share of right ones is not known, but
+close to 1 unless the lifetimes of the places so far say otherwise.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+_RIGHT_M, _WRONG_M = 100.0, 2.5
+_SHARE = np.append((np.arange(50) + 0.5) / 50.0, 0.9995)
+"""Shares of right places among the trusted ones that are thought possible: in wrong maps any, in right ones the last."""
+_PRIOR = np.append(np.full(50, 0.001 / 50.0), 0.999)
+
+
+class TrackRecord(NamedTuple):
+    """log_p (51,): of each possible share, up to a constant; since_m: way at which the present place was taken; trust: the
+    highest p(success) that it was given."""
+
+    log_p: NDArray[np.float64]
+    since_m: float
+    trust: float
+
+
+NOTHING = TrackRecord(np.log(_PRIOR), 0.0, 0.0)
+
+
+def given_up(record: TrackRecord, way_m: float) -> TrackRecord:
+    """The present place is left at way_m for another one; its lifetime counts as far as it was trusted."""
+    right, wrong = _kept(record, way_m)
+    log_p = record.log_p + record.trust * np.log(_SHARE * right / _RIGHT_M + (1.0 - _SHARE) * wrong / _WRONG_M)
+    return TrackRecord(log_p - log_p.max(), way_m, 0.0)
+
+
+def trusted(record: TrackRecord, p_success: float) -> TrackRecord:
+    """The decision model gives the present place p_success."""
+    return record._replace(trust=max(record.trust, p_success))
+
+
+def precision(record: TrackRecord, way_m: float) -> float:
+    """P(a trusted place that was kept until way_m is right)."""
+    p = np.exp(record.log_p)
+    share = float(p @ _SHARE / p.sum())
+    right, wrong = _kept(record, way_m)
+    return share * right / (share * right + (1.0 - share) * wrong)
+
+
+def _kept(record: TrackRecord, way_m: float) -> tuple[float, float]:
+    """P(a right place, a wrong one, is kept until way_m)."""
+    kept = max(0.0, way_m - record.since_m)
+    return float(np.exp(-kept / _RIGHT_M)), float(np.exp(-kept / _WRONG_M))
