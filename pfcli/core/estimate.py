@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import wrap
-from pfcli.core.jit import kernel
+from pfcli.core.jit import kernel, put
 from pfcli.core.particles import pose_bin
 
 _CANDIDATES = 12
@@ -83,11 +83,12 @@ def _best_around(poses, weights, slots, heaviest, reach_m, reach_rad, pose, cov)
         if slots[slot] <= 0.0 or best >= _ALL:
             break
         slots[slot] = 0.0
-        mean[:] = poses[heaviest[slot]]
+        put(mean, poses[heaviest[slot]])
         mass = _twice_around(poses, weights, reach_m, reach_rad, mean, spread)
         if mass > best:
             best = mass
-            pose[:], cov[:] = mean, spread
+            put(pose, mean)
+            put(cov, spread)
     return best
 
 

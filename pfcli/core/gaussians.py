@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pfcli.core.geometry import cholesky3, wrap
+from pfcli.core.geometry import cholesky3, solve3, wrap
 from pfcli.core.jit import kernel
 
 
@@ -41,8 +41,11 @@ def draw(mean, cov, chosen, z):  # type: ignore[no-untyped-def]
 @kernel
 def precisions(cov):  # type: ignore[no-untyped-def]
     """Inverse (k, 3, 3) of each covariance, and the log (k,) of each Gaussian's peak."""
-    inverse, peak, low = np.empty(cov.shape), np.empty(cov.shape[0]), np.zeros((3, 3))
+    inverse, peak, low, unit = np.empty(cov.shape), np.empty(cov.shape[0]), np.zeros((3, 3)), np.zeros(3)
     for k in range(cov.shape[0]):
         peak[k] = -0.5 * cholesky3(cov[k], low) - 1.5 * np.log(2 * np.pi)
-        inverse[k] = np.linalg.inv(cov[k])
+        for c in range(3):
+            unit[c] = 1.0
+            solve3(low, unit, inverse[k, c])
+            unit[c] = 0.0
     return inverse, peak

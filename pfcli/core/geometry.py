@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pfcli.core.jit import inline_kernel, kernel
+from pfcli.core.jit import inline_kernel, kernel, put
 
 
 @inline_kernel
@@ -77,8 +77,10 @@ def spread_residual(start, end, odometry, reached):  # type: ignore[no-untyped-d
     for j in range(1, k + 1):
         a, b = odometry[j - 1], odometry[j] if j < k else reached
         along[j] = along[j - 1] + np.hypot(b[0] - a[0], b[1] - a[1]) + 0.3 * abs(wrap(b[2] - a[2]))
-    out = compose(start.reshape(1, 3), moved)
+    out, part = compose(start.reshape(1, 3), moved), np.empty((1, 3))
     for j in range(k):
         share = along[j] / along[k] if along[k] > 0 else j / k
-        out[j] = compose(out[j : j + 1], residual * share)[0]
+        for c in range(3):
+            part[0, c] = residual[0, c] * share
+        put(out[j], compose(out[j : j + 1], part)[0])
     return out

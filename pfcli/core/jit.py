@@ -71,3 +71,11 @@ def reduction_kernel(function: _Function) -> Any:
 def inline_kernel(function: _Function) -> Any:
     """Compile a helper of other kernels that LLVM should always inline (a call per beam would dominate)."""
     return numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
+
+
+@inline_kernel
+def put(target, source):  # type: ignore[no-untyped-def]
+    """target[:] = source of the same size, for kernels. Numba's own assignment of one array to another compiles the text of
+    an error as well, which takes three seconds."""
+    for k in range(target.size):
+        target.flat[k] = source.flat[k]

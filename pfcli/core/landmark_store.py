@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.jit import inline_kernel, kernel
+from pfcli.core.jit import inline_kernel, kernel, put
 
 BLOCK, FIELDS = 16, 7
 """A landmark is x, y, pxx, pxy, pyy, sightings, evidence; sightings 0: there is none."""
@@ -93,7 +93,7 @@ def own(store, i, column):  # type: ignore[no-untyped-def]
     top[0] -= 1
     fresh = free[top[0]]
     if block >= 0:
-        pool[fresh] = pool[block]
+        put(pool[fresh], pool[block])
         refs[block] -= 1
     else:
         pool[fresh] = 0.0

@@ -74,7 +74,7 @@ def _strings(buffer, at, end, count):  # type: ignore[no-untyped-def]
 def _extent(buffer, at, known, declared):  # type: ignore[no-untyped-def]
     """Length of the body of the record at `at`; -1 where no sane record begins there.
 
-    Messages are of a channel that is known, or of the one that was just declared.
+    Messages are of a channel that is known, or of the one that was just declared (no literal: it would compile twice).
     """
     rest = buffer.size - at - 9
     if rest < 0:
@@ -128,7 +128,7 @@ def _next(buffer, at, known):  # type: ignore[no-untyped-def]
     for start in range(at, buffer.size - 8):
         if buffer[start] == 0 or buffer[start] > 0x0F or buffer[start + 8] != 0:
             continue
-        position, links, declared = start, 0, -1
+        position, links, declared = start, 0, np.int64(-1)
         while links < 3:
             length = _extent(buffer, position, known, declared)
             if length < 0:
@@ -156,7 +156,7 @@ def _index(buffer, start, messages, others, gaps, known):  # type: ignore[no-unt
     while position < buffer.size:
         if count == messages.shape[0] or rest == others.shape[0] or holes == gaps.shape[0]:
             return position, count, rest, holes, True
-        length = _extent(buffer, position, known, -1)
+        length = _extent(buffer, position, known, np.int64(-1))
         if length < 0:
             found = _next(buffer, doubt, known)
             gaps[holes, 0], gaps[holes, 1] = (position if position < found else doubt), found

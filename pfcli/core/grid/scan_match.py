@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import cholesky3, solve3, wrap
 from pfcli.core.grid.tiles import BITS, REACH, SIDE, Tiles, nearest_surface, squared_distance
-from pfcli.core.jit import inline_kernel, kernel, reduction_kernel
+from pfcli.core.jit import inline_kernel, kernel, put, reduction_kernel
 from pfcli.core.threads import spread
 
 NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
@@ -369,7 +369,7 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
     """Refine from the odometry and, where a correction is offered, from there; keep what explains scan and motion best."""
     work = np.empty((9, max(10, points.shape[0])))
     nowhere = np.full(3, 1e9)
-    pose[:] = prior
+    put(pose, prior)
     out[2] = _refine(tiles, i, pose, prior, information, 1.0, points, normals, m, nowhere, work, hessian)
     out[0] = log_likelihood(tiles, i, pose, points, normals, m.sigma_m, m, 1)
     out[1] = log_prior(pose, prior, information, m)
@@ -381,7 +381,7 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
     anchor[0] = prior[0] + cos * correction[0] - sin * correction[1]
     anchor[1] = prior[1] + sin * correction[0] + cos * correction[1]
     anchor[2] = wrap(prior[2] + correction[2])
-    other[:] = anchor
+    put(other, anchor)
     if log_prior(anchor, prior, information, m) > np.log(_SLIPPED * m.slip / _volume(m)):
         # within reach of the odometry: only the start differs, the prior stays where it is
         inliers = _refine(tiles, i, other, prior, information, 1.0, points, normals, m, pose, work, other_hessian)
@@ -392,8 +392,8 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
     found = log_likelihood(tiles, i, other, points, normals, m.sigma_m, m, 1)
     before = log_prior(other, prior, information, m)
     if found + before > out[0] + out[1]:
-        pose[:] = other
-        hessian[:] = other_hessian
+        put(pose, other)
+        put(hessian, other_hessian)
         out[0], out[1], out[2], out[3] = found, before, inliers, 1.0
 
 

@@ -27,7 +27,10 @@ def disperse(poses, ancestors, factor, sigma, keep_first, z):  # type: ignore[no
     parent stays where it is; z: (n, 3) standard normal.
     """
     out = poses.copy()
-    seen = np.zeros(ancestors.max() + 1, np.uint8)
+    parents = 0
+    for j in range(ancestors.size):
+        parents = max(parents, ancestors[j] + 1)
+    seen = np.zeros(parents, np.uint8)
     for j in range(poses.shape[0]):
         if keep_first and not seen[ancestors[j]]:
             seen[ancestors[j]] = 1

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import cholesky3, solve3, wrap
-from pfcli.core.jit import inline_kernel, kernel, reduction_kernel
+from pfcli.core.jit import inline_kernel, kernel, put, reduction_kernel
 from pfcli.core.sensor.likelihood_field import Model, log_ratio
 from pfcli.core.threads import rows_of, spread
 
@@ -273,7 +273,7 @@ def _refine_rows(low, high, poses, points, sigma, table, segments, arcs, worth, 
     h, g, lower, move = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     start = np.empty(3)
     for i in range(low, high):
-        start[:] = poses[i]
+        put(start, poses[i])
         for _ in range(_ITERATIONS):
             h[:] = 0.0
             for k in range(3):
@@ -307,7 +307,7 @@ def _refine_rows(low, high, poses, points, sigma, table, segments, arcs, worth, 
             if abs(move[0]) + abs(move[1]) + abs(move[2]) < 1e-4:
                 break
         poses[i, 2] = wrap(poses[i, 2])
-        hessian[i] = h
+        put(hessian[i], h)
 
 
 def refine(

@@ -61,8 +61,10 @@ def _refine(poses, seen, places, start, sigma, hessian):  # type: ignore[no-unty
     for i in range(poses.shape[0]):
         h = hessian[i]
         for _ in range(_STEPS):
-            h[:] = _LOOSE * np.eye(3)
+            h[:] = 0.0
             g[:] = 0.0
+            for k in range(3):
+                h[k, k] = _LOOSE
             c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
             for k in range(seen.shape[0]):
                 ox, oy = c * seen[k, 0] - s * seen[k, 1], s * seen[k, 0] + c * seen[k, 1]

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import wrap
 from pfcli.core.grid.region import Region, clearance, crosses_wall, place_at
-from pfcli.core.jit import kernel
+from pfcli.core.jit import kernel, put
 from pfcli.core.resample.kld import sample_size
 from pfcli.core.resample.systematic import choose
 from pfcli.core.threads import spread
@@ -151,12 +151,14 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
                 m += 1
         if m <= limits[k] and mass[k] * mass[k] >= share * m * squares[k]:
             for j in range(m):
-                new_poses[count], new_classes[count], new_weights[count] = poses[cluster[j]], k, weights[cluster[j]]
+                put(new_poses[count], poses[cluster[j]])
+                new_classes[count], new_weights[count] = k, weights[cluster[j]]
                 count += 1
             continue
         wanted = sample_size(poses, weights, cluster, u[k], least, limits[k], error, side_m, side_rad)
         chosen = choose(weights[cluster], u[k], wanted)
         for j in range(wanted):
-            new_poses[count], new_classes[count], new_weights[count] = poses[cluster[chosen[j]]], k, mass[k] / wanted
+            put(new_poses[count], poses[cluster[chosen[j]]])
+            new_classes[count], new_weights[count] = k, mass[k] / wanted
             count += 1
     return new_poses[:count], new_classes[:count], new_weights[:count]

@@ -6,16 +6,23 @@ misaligned (exponential) or unknown (uniform). Posteriors by forward-backward.
 
 import numpy as np
 
-from pfcli.core.jit import kernel
+from pfcli.core.jit import inline_kernel, kernel
 
 _STAY = ((0.8, 0.0, 0.2), (0.0, 0.8, 0.2), (1 / 3, 1 / 3, 1 / 3))
 _RATE_PER_M, _TOP_M = 2.0, 5.0
 
 
+@inline_kernel
+def _normalize(p):  # type: ignore[no-untyped-def]
+    total = p[0] + p[1] + p[2]
+    for i in range(3):
+        p[i] /= total
+
+
 @kernel
 def _posteriors(density, stay):  # type: ignore[no-untyped-def]
     n = density.shape[0]
-    forward, backward = np.empty((n, 3)), np.ones((n, 3))
+    forward, backward, out = np.empty((n, 3)), np.ones((n, 3)), np.empty((n, 3))
     for k in range(n):
         for j in range(3):
             total = 1.0 / 3 if k == 0 else 0.0
@@ -23,17 +30,18 @@ def _posteriors(density, stay):  # type: ignore[no-untyped-def]
                 for i in range(3):
                     total += forward[k - 1, i] * stay[i, j]
             forward[k, j] = total * density[k, j]
-        forward[k] /= forward[k].sum()
+        _normalize(forward[k])
     for k in range(n - 2, -1, -1):
         for i in range(3):
             total = 0.0
             for j in range(3):
                 total += stay[i, j] * density[k + 1, j] * backward[k + 1, j]
             backward[k, i] = total
-        backward[k] /= backward[k].sum()
-    out = forward * backward
+        _normalize(backward[k])
     for k in range(n):
-        out[k] /= out[k].sum()
+        for i in range(3):
+            out[k, i] = forward[k, i] * backward[k, i]
+        _normalize(out[k])
     return out
 
 

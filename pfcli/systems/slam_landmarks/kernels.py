@@ -6,7 +6,7 @@ Montemerlo 2002 (FastSLAM 1.0) and 2003 (2.0). Particles are run one after the o
 import numpy as np
 
 from pfcli.core.geometry import cholesky3, wrap
-from pfcli.core.jit import inline_kernel, kernel
+from pfcli.core.jit import inline_kernel, kernel, put
 from pfcli.core.landmark_store import BLOCK, own, read
 from pfcli.core.sensor.range_bearing import begin, expected, spread2, squared, update
 
@@ -218,11 +218,12 @@ def observe(pose, log_w, motion, seen, columns, store, draws, options):  # type:
     unknown = m > 0 and column[0] == UNKNOWN
     for i in range(n):
         _predict(pose[i], step, sd, prior, q)
-        p[:], x[:] = q, prior
+        put(p, q)
+        put(x, prior)
         if unknown:
             _associate(prior, q, seen, store, i, columns[i], (reject, augment), used[i])
         else:
-            used[i] = column
+            put(used[i], column)
             for k in range(m):
                 if used[i, k] >= 0 and read(store, i, used[i, k])[0] < 0:
                     used[i, k] = NEW
@@ -230,7 +231,8 @@ def observe(pose, log_w, motion, seen, columns, store, draws, options):  # type:
             _attract(x, p, seen, used[i], store, i)
         log_det = _draw(x, p, draws[i], low, pose[i])
         if version == 2:
-            log_w[i] += 0.5 * log_det + 0.5 * (draws[i] * draws[i]).sum()
+            z = draws[i]
+            log_w[i] += 0.5 * log_det + 0.5 * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
             log_w[i] -= _log_prior(pose[i], prior, q, low)
         log_w[i] += _learn(pose[i], seen, used[i], store, i, columns, log_false, fixed)
         if unknown and reach > 0.0 and not fixed:
