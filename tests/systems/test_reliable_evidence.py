@@ -10,8 +10,8 @@ from pfcli.core.sensor import class_conditional as cc
 from pfcli.events import Pose2
 from pfcli.events import Scan as LaserScan
 from pfcli.params import build
-from pfcli.systems.localize_reliable import key_scans, proposal
-from pfcli.systems.localize_reliable.filter import State, _matched, _rivalry
+from pfcli.systems.localize_reliable import key_scans, proposal, weigh
+from pfcli.systems.localize_reliable.cloud import Cloud
 from pfcli.systems.localize_reliable.params import Params
 
 MODEL = cc.Model(0.05, 0.98, 0.02, 0.5, 0.2, 20.0, 1.0, 0.15)
@@ -81,14 +81,14 @@ def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
     believed = np.arange(30) < 20
     log_w = np.log(rng.dirichlet(np.ones(30)))
     log = rng.normal(0, 2, 30)
-    state = State(*[None] * len(State._fields))._replace(log_w=log_w, believed=believed)  # type: ignore[arg-type]
+    particles = Cloud(np.zeros((30, 3)), log_w, np.full(30, 0.5), believed)
 
     def mass(log_weights: np.ndarray, chosen: np.ndarray) -> float:
         return float(np.log(np.exp(log_weights[chosen]).sum()))
 
     gained = mass(log_w + log, ~believed) - mass(log_w, ~believed) - mass(log_w + log, believed) + mass(log_w, believed)
     for worth in (0.0, 0.3, 1.0):
-        after = _rivalry(state, log, worth)
+        after = weigh.rivalry(particles, log, worth)
         now = mass(after, ~believed) - mass(after, believed)
         before = mass(log_w, ~believed) - mass(log_w, believed)
         assert now - before == pytest.approx(worth * gained)
@@ -113,12 +113,12 @@ def test_particles_around_a_match_take_their_mass_from_those_they_join(field: cc
     true = np.array([2.6, 1.2, 0.4])
     believed = np.arange(500) < 400
     pose = np.where(believed[:, None], true, [6.0, 4.5, 2.0]) + rng.normal(0, [0.05, 0.05, 0.02], (500, 3))
-    state = State(*[None] * len(State._fields))._replace(  # type: ignore[arg-type]
-        pose=pose, log_w=np.full(500, -np.log(500)), believed=believed, reliability=np.full(500, 0.8)
-    )
+    particles = Cloud(pose, np.full(500, -np.log(500)), np.full(500, 0.8), believed)
     params = build(Params, {"match_samples": 4000}, "test")
     assets = SimpleNamespace(field=field)
-    after = _matched(state, _scan(field, true), 0.2, MODEL, assets, params, rng)  # type: ignore[arg-type]
+    key = _key(field, true)
+    reading = weigh.Reading(0, key.scan, key, [], MODEL, 0.2, False)
+    after = weigh.matched(particles, reading, assets, params, rng)  # type: ignore[arg-type]
     w = np.exp(after.log_w)
     assert w[~after.believed].sum() == pytest.approx(0.2)
     spread = w[500:].std() * np.sqrt(4000)

@@ -1,0 +1,73 @@
+"""The particles of localize-reliable: hypotheses that are believed, and their rivals."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.motion.odometry import predict
+from pfcli.core.resample import systematic
+from pfcli.core.weights import normalize
+
+
+class Cloud(NamedTuple):
+    """pose (n, 3), log weight (n,) and p(success) (n,) of each particle; believed (n,): of the hypothesis that was
+    reported last."""
+
+    pose: NDArray[np.float64]
+    log_w: NDArray[np.float64]
+    reliability: NDArray[np.float64]
+    believed: NDArray[np.bool_]
+
+
+def begun(pose: NDArray[np.float64]) -> Cloud:
+    """Particles at poses (n, 3): nothing speaks for or against them yet."""
+    n = pose.shape[0]
+    return Cloud(pose, np.full(n, -np.log(n)), np.full(n, 0.5), np.ones(n, np.bool_))
+
+
+def predicted(
+    cloud: Cloud,
+    moved: NDArray[np.float64],
+    sd: NDArray[np.float64],
+    decay: tuple[float, float],
+    rng: np.random.Generator,
+) -> Cloud:
+    """Motion of the particles and decay of their reliabilities; failure never becomes success by moving.
+
+    moved, sd: (3,) step and its standard deviations (m, m, rad); decay: 1/m^2 and 1/rad^2.
+    """
+    pose = predict(cloud.pose, moved, sd, rng.standard_normal(cloud.pose.shape))
+    d2, a2 = moved[0] ** 2 + moved[1] ** 2, moved[2] ** 2
+    left = max(0.0, 1.0 - decay[0] * d2 - decay[1] * a2)
+    return cloud._replace(pose=pose, reliability=cloud.reliability * left)
+
+
+def joined(cloud: Cloud, more: Cloud) -> Cloud:
+    """The particles and more of them, weights on one scale."""
+    return Cloud(*(np.concatenate(pair) for pair in zip(cloud, more, strict=True)))
+
+
+def resampled(
+    cloud: Cloud,
+    weights: NDArray[np.float64],
+    inside: NDArray[np.bool_],
+    wanted: int,
+    rivals: int,
+    u: NDArray[np.float64],
+) -> Cloud:
+    """The hypothesis that is believed, `inside` (n,), and its rivals, each on its own: a rival keeps its weight, however
+    small, so that the evidence for it adds up from scan to scan instead of being resampled away."""
+    chosen, log_w, believed = [], [], []
+    for k, (members, most) in enumerate(((inside, wanted), (~inside, rivals))):
+        index = np.flatnonzero(members)
+        mass = float(weights[index].sum())
+        if most == 0 or mass <= 1e-300:
+            continue
+        chosen.append(index[systematic.choose(weights[index], u[k], most)])
+        log_w.append(np.full(most, np.log(mass / most)))
+        believed.append(np.full(most, k == 0))
+    index = np.concatenate(chosen)
+    together = np.concatenate(log_w)
+    together -= normalize(together)[1]
+    return Cloud(cloud.pose[index], together, cloud.reliability[index], np.concatenate(believed))

@@ -1,0 +1,110 @@
+"""A scan weighs the particles, those around a scan match, and the global samples. Akai 2023, section 4, eqs (2), (4), (R)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core import estimate
+from pfcli.core.sensor import class_conditional
+from pfcli.core.sensor.class_conditional import Fit, Model, Scan
+from pfcli.core.weights import normalize
+from pfcli.rng import Draw, Purpose
+from pfcli.systems.localize_reliable import decision, key_scans, proposal, sampler
+from pfcli.systems.localize_reliable.assets import Assets
+from pfcli.systems.localize_reliable.cloud import Cloud, joined
+from pfcli.systems.localize_reliable.decision import Classifier
+from pfcli.systems.localize_reliable.key_scans import KeyScan
+from pfcli.systems.localize_reliable.params import Params
+
+MODE_M, MODE_RAD = 0.75, 0.5
+"""Poses within this of each other are one hypothesis."""
+
+
+class Reading(NamedTuple):
+    """One scan: its stamp, the beams that are used, its key scan and those before it, the measurement model and what one
+    beam is worth, and whether global samples are due."""
+
+    stamp_ns: int
+    scan: Scan
+    key: KeyScan
+    history: list[KeyScan]
+    model: Model
+    gain: float
+    due: bool
+
+
+def by_scan(
+    cloud: Cloud, reading: Reading, learnt: Classifier | None, assets: Assets, params: Params, draw: Draw
+) -> tuple[Cloud, int]:
+    """The particles, and where they are due the global samples, after the scan; how many key points matched. The samples are
+    the last of the cloud."""
+    tracked, matches = cloud, 0
+    if params.match_samples:
+        cloud = matched(cloud, reading, assets, params, draw(Purpose.PROPOSAL, reading.stamp_ns))
+    if reading.due:
+        cloud, matches = sampled(cloud, tracked, reading, assets, params, draw(Purpose.INJECT, reading.stamp_ns))
+    fit = class_conditional.fit(cloud.pose, reading.scan, assets.field, reading.model)
+    log, reliability = judge(fit, cloud.reliability, reading.gain, learnt, params)
+    return cloud._replace(log_w=rivalry(cloud, log, reading.key.worth), reliability=reliability), matches
+
+
+def judge(
+    fit: Fit, reliability: NDArray[np.float64], gain: float, learnt: Classifier | None, params: Params
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) log p(z, d | x) up to a constant, and p(success) after the scan. Akai 2023, eqs (2) and (4).
+
+    d is a function of z, so that weighing by both counts the residuals twice: the decision weighs only if asked to.
+    """
+    log = gain * fit.log_likelihood
+    if learnt is None:
+        return log, reliability
+    ratio = np.exp(params.decision_gain * decision.log_ratio(fit, learnt))
+    both = reliability * ratio + (1.0 - reliability)
+    top = params.reliability_top
+    if params.decision_weighs:
+        log = log + np.log(both)
+    return log, np.clip(reliability * ratio / both, 1.0 - top, top)
+
+
+def rivalry(cloud: Cloud, log: NDArray[np.float64], worth: float) -> NDArray[np.float64]:
+    """(n,) log weights after a scan: within what is believed, and among its rivals, the whole of it counts; between the
+    two the share that it is worth beside the key scans."""
+    rival, after = ~cloud.believed, cloud.log_w + log
+    if not rival.any() or rival.all():
+        return after
+    for_rivals, against = (normalize(after[k])[1] - normalize(cloud.log_w[k])[1] for k in (rival, cloud.believed))
+    return after - np.where(rival, (1.0 - worth) * (for_rivals - against), 0.0)
+
+
+def sampled(
+    cloud: Cloud, tracked: Cloud, reading: Reading, assets: Assets, params: Params, rng: np.random.Generator
+) -> tuple[Cloud, int]:
+    """Global samples join; `tracked`: what the tracker predicted. Returns how many key points matched as well."""
+    key, history, count = reading.key, reading.history, params.gl_samples
+    field, model, gain = assets.field, reading.model, reading.gain
+    pose, matches = sampler.candidates(history, key, params.gl_steps, assets.features, assets.free_xy, rng)
+    pose = sampler.gather(pose, sampler.STAGES, count, key.scan, field, model, gain, rng)
+    # key scans end where the robot may have been carried: since then a robot here has seen what the believed one has
+    own = tracked.pose[int(np.argmax(np.where(tracked.believed, tracked.log_w, -np.inf)))]
+    past = key_scans.past_evidence(np.vstack([pose, own]), history, key, field, model, gain)
+    prior, area = np.exp(tracked.log_w), assets.free_xy.shape[0] * assets.grid.resolution_m**2
+    importance = sampler.log_importance(pose, tracked.pose, prior, params.gl_uniform, area, past[:-1] - past[-1])
+    here = estimate.members(pose, own, MODE_M, MODE_RAD)
+    cloud = cloud._replace(log_w=cloud.log_w + sampler.halved(cloud.pose, pose))
+    return joined(cloud, Cloud(pose, importance - np.log(count), np.full(count, 0.5), here)), matches
+
+
+def matched(cloud: Cloud, reading: Reading, assets: Assets, params: Params, rng: np.random.Generator) -> Cloud:
+    """Particles around the optimum of a scan match join those of the believed place, whose mass they share."""
+    own, prior = cloud.believed, np.exp(cloud.log_w)
+    around = proposal.gaussian_of(cloud.pose[own], prior[own])
+    if around.cov[0, 0] + around.cov[1, 1] > MODE_M**2:
+        return cloud  # not yet one place
+    found = proposal.match(around, reading.scan, assets.field, reading.model, reading.gain)
+    pose, importance = proposal.draw(around, found, params.match_samples, params.match_slip, rng)
+    mass, count = float(prior[own].sum()), pose.shape[0]
+    share = count / (count + own.sum())
+    reliability = np.full(count, float(prior[own] @ cloud.reliability[own]) / mass)
+    cloud = cloud._replace(log_w=cloud.log_w + np.where(own, np.log1p(-share), 0.0))
+    return joined(cloud, Cloud(pose, importance + np.log(share * mass / count), reliability, np.ones(count, np.bool_)))
