@@ -150,6 +150,21 @@ def test_the_protection_level_holds_for_a_gaussian_and_gives_up_without_reliabil
     assert protection_level_m(cov, 0.98, grid) == pytest.approx(50.0)
 
 
+@pytest.mark.parametrize("good_mae", [0.0, 0.5])
+@pytest.mark.parametrize("good_hits", [0.0, 0.5])
+def test_neither_a_larger_residual_nor_fewer_hits_speak_for_success(good_mae: float, good_hits: float) -> None:
+    """Where walls are drawn thick the best wrong place fits better than the true one: then neither says anything."""
+    rng = np.random.default_rng(6)
+    pairs = rng.multivariate_normal([0.0, 0.0], [[0.3, -0.2], [-0.2, 0.3]], 800)
+    through = rng.exponential(0.02, (800, 2))
+    good = np.column_stack([pairs[:400, 0] + good_mae, pairs[:400, 1] + good_hits, through[:400, 0]])
+    bad = np.column_stack([pairs[400:, 0] + 0.25, pairs[400:, 1] + 0.25, 3.0 * through[400:, 1]])
+    found = decision._separate(good, bad, VIEW)
+    assert found.slope[0] <= 0.0 <= found.slope[1]
+    assert found.slope[2] < 0.0
+    assert found.accuracy > 0.5
+
+
 def test_recoveries_are_told_by_lost_trust_or_by_a_jump() -> None:
     records = Records(GridMap(np.zeros((9, 9), np.int8), 1.0, Pose2()), False)
     nothing, last = np.empty((2, 0), np.float32), np.zeros(3)

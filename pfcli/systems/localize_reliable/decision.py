@@ -155,7 +155,8 @@ def _separate(good: NDArray[np.float64], bad: NDArray[np.float64], view: View) -
     for k, sign in ((0, -1.0), (1, 1.0)):
         if slope[k] * sign < 0.0:  # the two go together: what the other one says already must not count backwards
             other = 1 - k
-            slope[k], slope[other] = 0.0, (means[0][other] - means[1][other]) / spread[other, other]
+            alone = (means[0][other] - means[1][other]) / spread[other, other]
+            slope[k], slope[other] = 0.0, sign * min(0.0, sign * alone)  # nor the other one by itself
     few, many = (max(_LEAST_SHARE, m[2]) for m in means)
     offset = float(-0.5 * (means[0] + means[1])[:2] @ slope + np.log(many / few))
     slope = np.r_[slope, 1.0 / many - 1.0 / few]
