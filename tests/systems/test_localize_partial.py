@@ -213,6 +213,42 @@ def test_what_map_and_last_metres_both_explain_drives_nobody_out(assets: Assets)
     assert contradicted < settled
 
 
+def _weighed_slowly(
+    labels: np.ndarray, weights: np.ndarray, log_ratio: np.ndarray, settled: float | None, against: float
+) -> tuple[np.ndarray, float]:
+    """What `kernels.weigh` gives, as its docstring says it."""
+    inside = np.isin(labels, (2, 3, 6))
+    if settled is not None:
+        here = labels == 3
+        mean = np.log(np.average(np.exp(log_ratio[here]), weights=weights[here]))
+        log_ratio = log_ratio + np.where(here, max(0.0, settled - mean), 0.0)
+    if inside.any():
+        log_ratio = log_ratio + np.where(inside, max(0.0, -against - log_ratio[inside].max()), 0.0)
+    top = max(0.0, log_ratio.max())
+    return weights * np.exp(log_ratio - top), top
+
+
+def test_weights_after_a_scan_equal_their_slow_definition() -> None:
+    rng = np.random.default_rng(12)
+    for trial in range(500):
+        n = int(rng.integers(1, 40))
+        labels, weights = rng.integers(2, 7, n).astype(np.uint8), rng.random(n)
+        inside = np.isin(labels, (2, 3, 6))
+        log_ratio = np.where(inside, rng.normal(rng.choice([-5, 0, 5]), rng.choice([0.1, 3.0, 30.0]), n), 0.0)
+        settled = float(rng.normal(0, 3)) if (labels == 3).any() and trial % 3 else None
+        least = -np.inf if settled is None else settled
+        found, top, before, after = kernels.weigh(labels, weights, log_ratio, least, 1.0)
+        slow, slow_top = _weighed_slowly(labels, weights, log_ratio, settled, 1.0)
+        assert found == pytest.approx(slow, rel=1e-9, abs=1e-300)
+        assert top == pytest.approx(slow_top, abs=1e-9)
+        assert (before, after) == pytest.approx((weights[inside].sum(), slow[inside].sum()), rel=1e-9)
+        index, share = kernels.after_scan(labels, 3, weights, log_ratio)
+        assert (index == np.flatnonzero(labels == 3)).all()
+        if index.size:
+            expected = weights[index] * np.exp(log_ratio[index] - log_ratio[index].max())
+            assert share == pytest.approx(expected, rel=1e-9, abs=1e-300)
+
+
 def test_regrouping_keeps_each_clusters_weight(assets: Assets) -> None:
     rng = np.random.default_rng(6)
     poses, labels = rng.normal(0, 1, (3000, 3)), rng.integers(2, 7, 3000).astype(np.uint8)

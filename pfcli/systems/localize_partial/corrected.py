@@ -70,7 +70,7 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
         settled = _settled(cloud, reading, assets, params, draw)
     pose, label = cloud.pose, cloud.label
     weight, b1, log_evidence = _weigh(cloud, b1, settled, params)
-    n_eff = float(1.0 / np.square(weight / weight.sum()).sum()) if weight.sum() > 0 else 0.0
+    n_eff = kernels.spread_of(weight)[1]
     error = params.kld_error if params.kld else 0.0
     u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
     limits = (params.min_particles, params.particles, params.resample_threshold, error, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
@@ -127,16 +127,19 @@ def _arrive(
     rows = transition.sum(axis=1)
     transition *= 1.0 - carried
     transition[:, 1] += carried * rows
+    if b1 <= _WORTH_A_SEARCH:
+        transition[1, 1] += b1
+        return pose, label, weight, b1 + lost
     entering = b1 * (1.0 - float(np.exp(-way / params.entry_length_m)))
     fresh = []
     region, rng = assets.region, draw(Purpose.INJECT, reading.stamp_ns)
     wanted = kernels.worth(b1, params.frontier_samples, params.min_particles)
-    count = band_count(region, moved, step_noise(moved, params)) if entering > 0.0 and b1 > _WORTH_A_SEARCH else 0
+    count = band_count(region, moved, step_noise(moved, params)) if entering > 0.0 else 0
     if count:
         u = rng.random((2 * wanted, 4))
         found = kernels.entries(region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True)
         fresh.append((2, entering, found[:wanted]))
-    if carried > 0.0 and b1 > _WORTH_A_SEARCH:
+    if carried > 0.0:
         fresh.append((3, b1 * carried, particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)))
     left = b1
     for k, mass, poses in fresh:
@@ -158,11 +161,15 @@ def _log_ratios(
     """Log likelihood of the scan by particle, as a ratio to the outside; 0 for those outside (eqs (13)-(14))."""
     inside = in_the_map(label)
     log_ratio = np.zeros(label.size)
+    if inside.all():
+        return params.beam_gain * _evidence(pose, reading, assets)
     if inside.any():
-        poses = pose if inside.all() else pose[inside]
-        evidence = likelihood_field.evidence(poses, reading.ends, assets.field, reading.level, reading.base)
-        log_ratio[inside] = params.beam_gain * evidence
+        log_ratio[inside] = params.beam_gain * _evidence(pose[inside], reading, assets)
     return log_ratio
+
+
+def _evidence(pose: NDArray[np.float64], reading: Reading, assets: Assets) -> NDArray[np.float64]:
+    return likelihood_field.evidence(pose, reading.ends, assets.field, reading.level, reading.base)
 
 
 def _look_around(cloud: Cloud, reading: Reading, assets: Assets, params: Params, draw: Draw) -> Cloud:
@@ -195,10 +202,9 @@ def _settled(cloud: Cloud, reading: Reading, assets: Assets, params: Params, dra
     metres both explain speaks for nobody.
     """
     pose, label, weight, log_ratio = cloud
-    here = np.flatnonzero(label == 3)
-    if here.size == 0 or not params.outside_likelihood or reading.first:
+    if not params.outside_likelihood or reading.first:
         return None
-    after = weight[here] * np.exp(log_ratio[here] - log_ratio[here].max())
+    here, after = kernels.after_scan(label, 3, weight, log_ratio)
     if after.sum() <= 0.0:
         return None
     u = float(draw(Purpose.SETTLED, reading.stamp_ns).random())
@@ -214,24 +220,12 @@ def _settled(cloud: Cloud, reading: Reading, assets: Assets, params: Params, dra
 def _weigh(cloud: Cloud, b1: float, settled: float | None, params: Params) -> tuple[NDArray[np.float64], float, float]:
     """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1."""
     _, label, weight, log_ratio = cloud
-    inside = in_the_map(label)
-    if settled is not None:
-        here = label == 3
-        top = float(log_ratio[here].max())
-        mean = top + float(np.log(weight[here] @ np.exp(log_ratio[here] - top) / weight[here].sum()))
-        log_ratio = log_ratio + np.where(here, max(0.0, settled - mean), 0.0)
-    if inside.any():
-        # one glance at a crowd in front of the robot is no proof that it has left
-        log_ratio = log_ratio + np.where(inside, max(0.0, -_MOST_AGAINST - float(log_ratio[inside].max())), 0.0)
-    top = max(0.0, float(log_ratio.max(initial=0.0)))
+    least = -np.inf if settled is None else settled
+    after, top, before, left = kernels.weigh(label, weight, log_ratio, least, _MOST_AGAINST)
     if params.outside_likelihood:
-        weight = weight * np.exp(log_ratio - top)
         b1 = b1 * float(np.exp(-top))
-        total = float(weight.sum()) + b1
-        return weight / total, b1 / total, top + float(np.log(total))
-    before = float(weight[inside].sum())
-    updated = weight[inside] * np.exp(log_ratio[inside] - top)
-    if updated.sum() > 0.0:
-        weight = weight.copy()
-        weight[inside] = updated * (before / updated.sum())
-    return weight, b1, top + float(np.log(updated.sum() / before)) if before > 0.0 and updated.sum() > 0.0 else 0.0
+        total = kernels.spread_of(after)[0] + b1
+        return after / total, b1 / total, top + float(np.log(total))
+    if left <= 0.0:
+        return weight, b1, 0.0
+    return np.where(in_the_map(label), after * (before / left), weight), b1, top + float(np.log(left / before))

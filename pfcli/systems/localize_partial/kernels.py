@@ -83,6 +83,68 @@ def entries(edge_xy, count, resolution_m, step, u, place, frame, strict):  # typ
 
 
 @kernel
+def weigh(classes, weights, log_ratio, settled, most_against):  # type: ignore[no-untyped-def]
+    """Weights (n,) after a scan, up to a factor exp(-top) that classes 4 and 5 and class 1 have too (eqs (13)-(23)).
+
+    log_ratio: (n,) log likelihood over that outside, of the classes in the map; settled: log evidence that class 3 as a
+    whole has at the least, -inf for none; most_against: what the scan may hold against the best particle of the map.
+    Returns (weights, top, weight in the map before, after).
+    """
+    best = np.full(2, -np.inf)  # of class 3, and of the others in the map
+    for i in range(classes.size):
+        if classes[i] != 4 and classes[i] != 5:
+            other = np.int64(classes[i] != 3)
+            best[other] = max(best[other], log_ratio[i])
+    out, before, after = np.empty(classes.size), np.zeros(2), np.zeros(2)
+    for i in range(classes.size):
+        if classes[i] != 4 and classes[i] != 5:
+            other = np.int64(classes[i] != 3)
+            out[i] = weights[i] * np.exp(log_ratio[i] - best[other])
+            before[other] += weights[i]
+            after[other] += out[i]
+    rise = 0.0
+    if after[0] > 0.0:
+        rise = max(0.0, settled - best[0] - np.log(after[0] / before[0]))
+    best[0] += rise
+    highest = max(best[0], best[1])
+    best += max(0.0, -most_against - highest) if highest > -np.inf else 0.0
+    top = max(0.0, best[0], best[1])
+    scale, outside = np.exp(best - top), np.exp(-top)
+    for i in range(classes.size):
+        if classes[i] == 4 or classes[i] == 5:
+            out[i] = weights[i] * outside
+        else:
+            out[i] *= scale[np.int64(classes[i] != 3)]
+    return out, top, before[0] + before[1], after[0] * scale[0] + after[1] * scale[1]
+
+
+@kernel
+def after_scan(classes, of_class, weights, log_ratio):  # type: ignore[no-untyped-def]
+    """Indices (m,) of the particles of a class, and their weights (m,) after a scan, up to a factor."""
+    best, count = -np.inf, 0
+    for i in range(classes.size):
+        if classes[i] == of_class:
+            best, count = max(best, log_ratio[i]), count + 1
+    index, after = np.empty(count, np.int64), np.empty(count)
+    k = 0
+    for i in range(classes.size):
+        if classes[i] == of_class:
+            index[k], after[k] = i, weights[i] * np.exp(log_ratio[i] - best)
+            k += 1
+    return index, after
+
+
+@kernel
+def spread_of(weights):  # type: ignore[no-untyped-def]
+    """Sum of weights (n,) and their effective number (0 where there is none)."""
+    total, squares = 0.0, 0.0
+    for w in weights:
+        total += w
+        squares += w * w
+    return total, (total * total / squares if squares > 0.0 else 0.0)
+
+
+@kernel
 def together(poses, reach_m):  # type: ignore[no-untyped-def]
     """Share of the poses (n, 3) within reach of their median place."""
     x, y = np.median(poses[:, 0]), np.median(poses[:, 1])
