@@ -90,7 +90,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         None,
         np.array([first.odometry], np.float64),
         0.0,
-        track_record.NOTHING,
+        track_record.TOLD if assets.initial.kind == "pose" else track_record.NOTHING,
         [],
         -(1 << 62),
         None,

@@ -3,7 +3,8 @@
 In a wrong map scans fit here and there, and the decision model is content with each for some metres: what gives such a
 map away is that one trusted place after the other is left again. A right place is left after `_RIGHT_M` on average
 (somebody carries the robot), a wrong one after `_WRONG_M`, both exponentially; the share of right ones is not known, but
-close to 1 unless the lifetimes of the places so far say otherwise.
+high unless the lifetimes of the places so far say otherwise. So a place that was just found is not yet as sure as one that
+was kept for metres.
 """
 
 from typing import NamedTuple
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _RIGHT_M, _WRONG_M = 100.0, 2.5
-_SHARE = np.append((np.arange(50) + 0.5) / 50.0, 0.9995)
+_SHARE = np.append((np.arange(50) + 0.5) / 50.0, 0.98)
 """Shares of right places among the trusted ones that are thought possible: in wrong maps any, in right ones the last."""
 _PRIOR = np.append(np.full(50, 0.001 / 50.0), 0.999)
 
@@ -27,6 +28,8 @@ class TrackRecord(NamedTuple):
 
 
 NOTHING = TrackRecord(np.log(_PRIOR), 0.0, 0.0)
+TOLD = NOTHING._replace(since_m=-_RIGHT_M)
+"""The first place was not found but told: as if it had been kept for long."""
 
 
 def given_up(record: TrackRecord, way_m: float) -> TrackRecord:
