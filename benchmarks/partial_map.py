@@ -1,6 +1,6 @@
 """localize-partial on simulated drives in and out of a partial map: classes, crossings, poses.
 
-python benchmarks/partial_map.py [seeds] [corrected|paper|plain|hours ...]
+python benchmarks/partial_map.py [seeds] [corrected|paper|plain|hours|switches ...]
 """
 
 import sys
@@ -99,9 +99,10 @@ def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
     index = np.searchsorted(done.result.track.stamps_ns, stamps)
     poses = done.result.track.poses[index]
     b = np.stack([np.asarray(rows[f"b{k}"]) for k in range(1, 7)], 1)
+    track = done.result.track.columns
     return Drive(
         np.asarray(rows["way_m"]),
-        np.asarray(rows["in_map"]),
+        np.asarray(rows["in_map"]) if "in_map_smoothed" not in track else track["in_map_smoothed"][index],
         inside,
         true_classes(inside),
         1 + b.argmax(axis=1),
@@ -192,6 +193,37 @@ def table(seeds: range, variant: str, scenarios: list[str], **params: Any) -> li
     return every
 
 
+SWITCHES: tuple[dict[str, Any], ...] = (
+    {},
+    {"smooth": True},
+    {"outside_likelihood": False},
+    {"model_unknown": False},
+    {"history_m": 0.0},
+    {"slip": 0.0},
+    {"kidnap_per_m": 0.0},
+    {"kld": False, "particles": 10_000},
+)
+SWITCHED = ["partial-enter", "partial-other-way", "partial-kidnap", "partial-crowd", "partial-30"]
+
+
+def switches(seeds: int) -> None:
+    """What each part does, over the drives of SWITCHED together; smoothed: in or out given the whole log."""
+    print(
+        "\n| switch | in/out right | Brier | noticed after [m]: median, 90 % | entries with the right pose within 8 m |"
+        " false entries | pose inside [m, deg] | ms an update |\n|---|---|---|---|---|---|---|---|"
+    )
+    for params in SWITCHES:
+        scores, ms = [], []
+        for name in SWITCHED:
+            for seed in range(seeds):
+                log, map_file = log_of(name, seed)
+                drive = beside_truth(localise(log, map_file, seed, Initial(SCENARIOS[name]), **params), log, map_file)
+                scores.append(judge(drive))
+                ms.append(drive.ms)
+        name = ", ".join(f"{k} = {v}" for k, v in params.items()) or "default"
+        print(_row(name, scores, float(np.median(ms))), flush=True)
+
+
 def plain(seeds: int, particles: int = 2000) -> None:
     """A plain MCL, told its start where that lies in the map (ours is not): it knows no outside, only its pose can be right."""
     print(
@@ -235,12 +267,14 @@ def _row(name: str, scores: list[Score], ms: float) -> str:
 
 
 def main(seeds: int = 10, *variants: str) -> None:
-    """Both variants, and a plain MCL; `hours`: more drives outside, seeds from ten on."""
+    """Both variants, and a plain MCL; `hours`: more drives outside, seeds from ten on; `switches`: one part at a time."""
     for variant in variants or ("corrected", "paper", "plain"):
         if variant == "plain":
             plain(seeds)
         elif variant == "hours":
             table(range(10, 10 + seeds), "corrected", LONG_OUTSIDE)
+        elif variant == "switches":
+            switches(seeds)
         else:
             table(range(seeds), variant, list(SCENARIOS))
 

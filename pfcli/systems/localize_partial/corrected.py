@@ -22,6 +22,8 @@ _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
 _WORTH_A_SEARCH = 3e-4
 """Mass of class 1 from which it is asked where it may have come in: surprises raise it in a few scans."""
+_BLIND = 10
+"""Blind poses, anywhere in the map, for each that is gathered: too few of them miss the place."""
 _BACK = 1e-7
 """Mass of class 6 from which it is gathered."""
 _GIVEN_UP = 1e-3
@@ -140,13 +142,14 @@ def _arrive(
         found = kernels.entries(region.edge_xy, count, region.resolution_m, moved, u, region.place, region.frame, True)
         fresh.append((2, entering, found[:wanted]))
     if carried > 0.0:
-        fresh.append((3, b1 * carried, particles.uniform(region.free_xy, region.resolution_m / 2, wanted, rng)))
+        blind = particles.uniform(region.free_xy, region.resolution_m / 2, _BLIND * wanted, rng)
+        fresh.append((3, b1 * carried, blind))
     left = b1
     for k, mass, poses in fresh:
-        m = poses.shape[0]
-        if m == 0:
+        if poses.shape[0] == 0:
             continue
-        poses, gathered = anneal.gather(poses, mass, m, reading, assets, params, rng)
+        poses, gathered = anneal.gather(poses, mass, wanted, reading, assets, params, rng)
+        m = poses.shape[0]
         pose, label = np.concatenate([pose, poses]), np.concatenate([label, np.full(m, k, np.uint8)])
         weight = np.concatenate([weight, gathered])
         transition[1, k] += mass

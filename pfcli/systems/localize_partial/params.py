@@ -22,9 +22,12 @@ class Params:
     min_particles: Annotated[
         int, Opt("fewest particles of a cluster that holds mass, and candidates (corrected)", "", 1, 1_000_000)
     ] = 200
-    start_density_per_m2: Annotated[float, Opt("particles at an unknown start, per free area", "1/m^2", 0.1, 1e5)] = (
-        100.0
-    )
+    start_density_per_m2: Annotated[
+        float,
+        Opt(
+            "blind poses at an unknown start, per free area, which are gathered where the scan fits", "1/m^2", 0.1, 1e5
+        ),
+    ] = 1000.0
     frontier_samples: Annotated[
         int, Opt("fresh candidates at the frontiers per update (N2); corrected: at the most", "", 1, 1_000_000)
     ] = 4000
