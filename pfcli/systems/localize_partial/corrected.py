@@ -22,7 +22,7 @@ _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
 _WORTH_A_SEARCH = 3e-4
 """Mass of class 1 from which it is asked where it may have come in: surprises raise it in a few scans."""
-_BLIND = 10
+_BLIND = 3
 """Blind poses, anywhere in the map, for each that is gathered: too few of them miss the place."""
 _BACK = 1e-7
 """Mass of class 6 from which it is gathered."""
