@@ -31,7 +31,7 @@ def calibrate(
 ) -> None:
     """Learn from MAP, by simulation, what scans of LOG's scanner look like where localisation succeeds and where it fails.
 
-    localize-reliable learns so at every start from fewer poses; a file saves that time and fixes the decision.
+    localize-reliable learns so by itself, once for a map and a scanner, from fewer poses; a file fixes the decision.
 
     Example: pfcli calibrate map.yaml log.mcap --out classifier.json
     """

@@ -75,7 +75,7 @@ def inline_kernel(function: _Function) -> Any:
 
 @inline_kernel
 def put(target, source):  # type: ignore[no-untyped-def]
-    """target[:] = source of the same size, for kernels. Numba's own assignment of one array to another compiles the text of
-    an error as well, which takes three seconds."""
+    """target[:] = source, for kernels, which must see to it that both have the same size. Numba's own assignment of one array
+    (or row) to another compiles the text of an error as well, which takes three seconds."""
     for k in range(target.size):
         target.flat[k] = source.flat[k]

@@ -9,12 +9,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from pfcli import align, run
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Pose2
 from pfcli.formats import map_yaml
 from pfcli.formats.map_yaml import GridMap
-from pfcli.systems.localize_reliable import decision, sampler
+from pfcli.initial import Initial
+from pfcli.registry import system
+from pfcli.replay import Log
+from pfcli.systems.localize_reliable import decision, sampler, start
+from pfcli.systems.localize_reliable.assets import load, model_of, view_of
 from pfcli.systems.localize_reliable.decision import Classifier, View
+from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.protection import protection_level_m, radius_of
 from pfcli.systems.localize_reliable.records import Records
 from pfcli.systems.localize_reliable.residuals import _posteriors, misaligned_share
@@ -150,6 +156,36 @@ def test_the_protection_level_holds_for_a_gaussian_and_gives_up_without_reliabil
     assert protection_level_m(cov, 0.98, grid) == pytest.approx(50.0)
 
 
+def test_what_is_learnt_of_a_map_is_kept_and_the_same_either_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found in the cache, learnt anew, beside a damaged file, or where nothing can be kept: the same decision."""
+    monkeypatch.setenv("PFCLI_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(decision.learn, "__defaults__", (40,))
+    place = SAMPLES / "kidnapped.yaml"
+    job = run.Job(system("localize-reliable"), Params(), [], 0, map=place, initial=Initial("inside"))
+    assets = load(Params(), job)
+    sweep = next(iter(align.bare(Log(SAMPLES / "kidnapped.mcap").events(["scan"]))))
+    model = model_of(Params(), 30.0)
+    learnt = start.classifier_for(sweep, model, assets, Params())
+    (file,) = (tmp_path / "cache" / "classifiers").iterdir()
+    with monkeypatch.context() as only_kept:
+        only_kept.setattr(decision, "learn", None)
+        assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
+    file.write_text("{")
+    assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
+    assert _same(decision.load(file, assets.digest, view_of(sweep, Params())), learnt)
+    start.classifier_for(sweep, model._replace(sigma_m=0.1), assets, Params())
+    assert len(list(file.parent.iterdir())) == 2
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("PFCLI_CACHE_DIR", str(tmp_path / "file"))
+    assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
+
+
+def _same(a: Classifier, b: Classifier) -> bool:
+    return bool((a.slope == b.slope).all()) and a[1:] == b[1:]
+
+
 @pytest.mark.parametrize("good_mae", [0.0, 0.5])
 @pytest.mark.parametrize("good_hits", [0.0, 0.5])
 def test_neither_a_larger_residual_nor_fewer_hits_speak_for_success(good_mae: float, good_hits: float) -> None:
@@ -163,6 +199,10 @@ def test_neither_a_larger_residual_nor_fewer_hits_speak_for_success(good_mae: fl
     assert found.slope[0] <= 0.0 <= found.slope[1]
     assert found.slope[2] < 0.0
     assert found.accuracy > 0.5
+    backwards = decision._separate(
+        np.column_stack([good[:, :2], bad[:, 2]]), np.column_stack([bad[:, :2], good[:, 2]]), VIEW
+    )
+    assert backwards.slope[2] <= 0.0
 
 
 def test_recoveries_are_told_by_lost_trust_or_by_a_jump() -> None:

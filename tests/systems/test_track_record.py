@@ -54,6 +54,9 @@ def test_a_filter_is_believed_until_it_has_been_wrong() -> None:
     assert at_once < 0.3
     assert at_once < later < after_all
     assert after_all > 0.99
+    for way in (1e5, 1e9):  # hours of driving, or a leap of the odometry
+        assert track_record.precision(NOTHING, way) == pytest.approx(1.0)
+        assert track_record.precision(_left([way]), way) == pytest.approx(0.98, abs=1e-3)
 
 
 def test_who_has_to_give_up_place_after_place_trusts_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

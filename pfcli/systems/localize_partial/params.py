@@ -24,9 +24,7 @@ class Params:
     ] = 200
     start_density_per_m2: Annotated[
         float,
-        Opt(
-            "blind poses at an unknown start, per free area, which are gathered where the scan fits", "1/m^2", 0.1, 1e5
-        ),
+        Opt("blind poses at an unknown start, per free area (two million at the most)", "1/m^2", 0.1, 1e5),
     ] = 1000.0
     frontier_samples: Annotated[
         int, Opt("fresh candidates at the frontiers per update (N2); corrected: at the most", "", 1, 1_000_000)

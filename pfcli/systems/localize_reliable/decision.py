@@ -158,10 +158,12 @@ def _separate(good: NDArray[np.float64], bad: NDArray[np.float64], view: View) -
             alone = (means[0][other] - means[1][other]) / spread[other, other]
             slope[k], slope[other] = 0.0, sign * min(0.0, sign * alone)  # nor the other one by itself
     few, many = (max(_LEAST_SHARE, m[2]) for m in means)
-    offset = float(-0.5 * (means[0] + means[1])[:2] @ slope + np.log(many / few))
-    slope = np.r_[slope, 1.0 / many - 1.0 / few]
-    right = np.r_[good[held] @ slope + offset > 0, bad[held] @ slope + offset < 0]
-    return Classifier(slope, offset, float(right.mean()), sensor)
+    many = max(few, many)
+    # rounded: what another machine has learnt and kept must not differ in last digits
+    offset = round(float(-0.5 * (means[0] + means[1])[:2] @ slope + np.log(many / few)), 6)
+    slopes = np.round(np.r_[slope, 1.0 / many - 1.0 / few], 6)
+    right = np.r_[good[held] @ slopes + offset > 0, bad[held] @ slopes + offset < 0]
+    return Classifier(slopes, offset, float(right.mean()), sensor)
 
 
 def save(path: Path, found: Classifier, map_digest: str) -> None:

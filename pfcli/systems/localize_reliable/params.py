@@ -39,7 +39,7 @@ class Params:
         bool, Opt("let p(success) weigh the particles beside the scan, as printed: the residuals then count twice")
     ] = False
     classifier: Annotated[
-        str, Opt("decision model from `pfcli calibrate`; empty: learnt from the map at the start")
+        str, Opt("decision model from `pfcli calibrate`; empty: learnt from the map once, and kept in the cache folder")
     ] = ""
     decision_gain: Annotated[float, Opt("how many independent decisions one scan is worth", "", 0, 10)] = 1.0
     reliability_top: Annotated[float, Opt("p(success) stays within 1 - this and this", "", 0.5, 0.9999999)] = 0.999

@@ -38,7 +38,8 @@ def scatter(scan: Scan, model: Model, assets: Assets, params: Params, rng: np.ra
 def classifier_for(sweep: Sweep, model: Model, assets: Assets, params: Params) -> Classifier:
     """The decision model for this scanner: the user's, or learnt from the map, once: it is kept in the cache folder.
 
-    Neither the log nor the run's seed has a part in what is learnt, so that it is the same whether it was kept or not.
+    Only the map, the scanner and the parameters have a part in what is learnt, not the run's seed, so that it is the same
+    whether it was kept or not.
     """
     view = view_of(sweep, params)
     if params.classifier:
@@ -49,6 +50,6 @@ def classifier_for(sweep: Sweep, model: Model, assets: Assets, params: Params) -
     with suppress(LogError, UsageError):
         return decision.load(path, assets.digest, view)
     found = decision.learn(assets.free_xy, assets.field, model, view, rng_for(0, Purpose.CALIBRATE, 0))
-    with suppress(OutputError), output_file(path) as partial:
+    with suppress(OutputError, OSError), output_file(path) as partial:
         decision.save(partial, found, assets.digest)
     return found

@@ -34,8 +34,8 @@ TOLD = NOTHING._replace(since_m=-_RIGHT_M)
 
 def given_up(record: TrackRecord, way_m: float) -> TrackRecord:
     """The present place is left at way_m for another one; its lifetime counts as far as it was trusted."""
-    right, wrong = _kept(record, way_m)
-    log_p = record.log_p + record.trust * np.log(_SHARE * right / _RIGHT_M + (1.0 - _SHARE) * wrong / _WRONG_M)
+    wrong = (1.0 - _SHARE) * _faded(record, way_m) / _WRONG_M
+    log_p = record.log_p + record.trust * np.log(_SHARE / _RIGHT_M + wrong)
     return TrackRecord(log_p - log_p.max(), way_m, 0.0)
 
 
@@ -48,11 +48,9 @@ def precision(record: TrackRecord, way_m: float) -> float:
     """P(a trusted place that was kept until way_m is right)."""
     p = np.exp(record.log_p)
     share = float(p @ _SHARE / p.sum())
-    right, wrong = _kept(record, way_m)
-    return share * right / (share * right + (1.0 - share) * wrong)
+    return share / (share + (1.0 - share) * _faded(record, way_m))
 
 
-def _kept(record: TrackRecord, way_m: float) -> tuple[float, float]:
-    """P(a right place, a wrong one, is kept until way_m)."""
-    kept = max(0.0, way_m - record.since_m)
-    return float(np.exp(-kept / _RIGHT_M)), float(np.exp(-kept / _WRONG_M))
+def _faded(record: TrackRecord, way_m: float) -> float:
+    """P(a wrong place is kept until way_m), by that of a right one."""
+    return float(np.exp(-max(0.0, way_m - record.since_m) * (1.0 / _WRONG_M - 1.0 / _RIGHT_M)))
