@@ -161,7 +161,7 @@ def _separate(good: NDArray[np.float64], bad: NDArray[np.float64], view: View) -
     many = max(few, many)
     # rounded: what another machine has learnt and kept must not differ in last digits
     offset = round(float(-0.5 * (means[0] + means[1])[:2] @ slope + np.log(many / few)), 6)
-    slopes = np.round(np.r_[slope, 1.0 / many - 1.0 / few], 6)
+    slopes = np.r_[slope, 1.0 / many - 1.0 / few].round(6)
     right = np.r_[good[held] @ slopes + offset > 0, bad[held] @ slopes + offset < 0]
     return Classifier(slopes, offset, float(right.mean()), sensor)
 
