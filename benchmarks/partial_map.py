@@ -102,7 +102,7 @@ def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
     track = done.result.track.columns
     return Drive(
         np.asarray(rows["way_m"]),
-        np.asarray(rows["in_map"]) if "in_map_smoothed" not in track else track["in_map_smoothed"][index],
+        track["in_map_smoothed"][index] if "in_map_smoothed" in track else np.asarray(rows["in_map"]),
         inside,
         true_classes(inside),
         1 + b.argmax(axis=1),
@@ -167,13 +167,15 @@ LONG_OUTSIDE = ["partial-never", "partial-loops", "partial-30"]
 """Drives that are outside most of their time: what false entries an hour are counted on."""
 
 
+_HEAD = (
+    "\n| {} | in/out right | Brier | noticed after [m]: median, 90 % | entries with the right pose within 8 m |"
+    " false entries | pose inside [m, deg] | ms an update |\n|---|---|---|---|---|---|---|---|"
+)
+
+
 def table(seeds: range, variant: str, scenarios: list[str], **params: Any) -> list[Score]:
     """Print a row per scenario and the whole."""
-    print(
-        f"\n{variant} {params or ''}\n| scenario | in/out right | Brier | noticed after [m]: median, 90 % |"
-        " entries with the right pose within 8 m | false entries | pose inside [m, deg] | ms an update |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    print(f"\n{variant} {params or ''}{_HEAD.format('scenario')}")
     every: list[Score] = []
     confusion = np.zeros((7, 7), int)
     for name in scenarios:
@@ -208,10 +210,7 @@ SWITCHED = ["partial-enter", "partial-other-way", "partial-kidnap", "partial-cro
 
 def switches(seeds: int) -> None:
     """What each part does, over the drives of SWITCHED together; smoothed: in or out given the whole log."""
-    print(
-        "\n| switch | in/out right | Brier | noticed after [m]: median, 90 % | entries with the right pose within 8 m |"
-        " false entries | pose inside [m, deg] | ms an update |\n|---|---|---|---|---|---|---|---|"
-    )
+    print(_HEAD.format("switch"))
     for params in SWITCHES:
         scores, ms = [], []
         for name in SWITCHED:

@@ -44,7 +44,7 @@ def precisions(cov):  # type: ignore[no-untyped-def]
     inverse, peak, low, unit = np.empty(cov.shape), np.empty(cov.shape[0]), np.zeros((3, 3)), np.zeros(3)
     for k in range(cov.shape[0]):
         peak[k] = -0.5 * cholesky3(cov[k], low) - 1.5 * np.log(2 * np.pi)
-        for c in range(3):
+        for c in range(3):  # by columns, which are the rows
             unit[c] = 1.0
             solve3(low, unit, inverse[k, c])
             unit[c] = 0.0

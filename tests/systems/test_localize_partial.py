@@ -237,10 +237,11 @@ def test_weights_after_a_scan_equal_their_slow_definition() -> None:
         log_ratio = np.where(inside, rng.normal(rng.choice([-5, 0, 5]), rng.choice([0.1, 3.0, 30.0]), n), 0.0)
         settled = float(rng.normal(0, 3)) if (labels == 3).any() and trial % 3 else None
         least = -np.inf if settled is None else settled
-        found, top, before, after = kernels.weigh(labels, weights, log_ratio, least, 1.0)
+        found, total, top, before, after = kernels.weigh(labels, weights, log_ratio, least, 1.0)
         slow, slow_top = _weighed_slowly(labels, weights, log_ratio, settled, 1.0)
         assert found == pytest.approx(slow, rel=1e-9, abs=1e-300)
         assert top == pytest.approx(slow_top, abs=1e-9)
+        assert total == pytest.approx(slow.sum(), rel=1e-9)
         assert (before, after) == pytest.approx((weights[inside].sum(), slow[inside].sum()), rel=1e-9)
         index, share = kernels.after_scan(labels, 3, weights, log_ratio)
         assert (index == np.flatnonzero(labels == 3)).all()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pfcli.core import particles
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
+from pfcli.core.weights import effective_sample_size
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import anneal, kernels
 from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, band_count, in_the_map
@@ -33,7 +34,7 @@ _ASKED, _SETTLED_M, _SETTLED_SHARE = 64, 0.5, 0.9
 _MARGIN_LEFT = 0.5
 """Share of the history's margin that is granted then: the other half stood for the spread."""
 _MOST_AGAINST = 1.0
-"""Log evidence that a single scan may hold against the whole map."""
+"""Log evidence that a single scan may hold against the whole map: one glance at a crowd is no proof that the robot has left."""
 
 
 class Cloud(NamedTuple):
@@ -72,7 +73,8 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
         settled = _settled(cloud, reading, assets, params, draw)
     pose, label = cloud.pose, cloud.label
     weight, b1, log_evidence = _weigh(cloud, b1, settled, params)
-    n_eff = kernels.spread_of(weight)[1]
+    held = float(weight.sum())
+    n_eff = float(effective_sample_size(weight / held)) if held > 0.0 else 0.0
     error = params.kld_error if params.kld else 0.0
     u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
     limits = (params.min_particles, params.particles, params.resample_threshold, error, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
@@ -163,9 +165,9 @@ def _log_ratios(
 ) -> NDArray[np.float64]:
     """Log likelihood of the scan by particle, as a ratio to the outside; 0 for those outside (eqs (13)-(14))."""
     inside = in_the_map(label)
-    log_ratio = np.zeros(label.size)
-    if inside.all():
+    if inside.all():  # no copies of them
         return params.beam_gain * _evidence(pose, reading, assets)
+    log_ratio = np.zeros(label.size)
     if inside.any():
         log_ratio[inside] = params.beam_gain * _evidence(pose[inside], reading, assets)
     return log_ratio
@@ -224,10 +226,10 @@ def _weigh(cloud: Cloud, b1: float, settled: float | None, params: Params) -> tu
     """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1."""
     _, label, weight, log_ratio = cloud
     least = -np.inf if settled is None else settled
-    after, top, before, left = kernels.weigh(label, weight, log_ratio, least, _MOST_AGAINST)
+    after, sum_after, top, before, left = kernels.weigh(label, weight, log_ratio, least, _MOST_AGAINST)
     if params.outside_likelihood:
         b1 = b1 * float(np.exp(-top))
-        total = kernels.spread_of(after)[0] + b1
+        total = sum_after + b1
         return after / total, b1 / total, top + float(np.log(total))
     if left <= 0.0:
         return weight, b1, 0.0

@@ -88,7 +88,7 @@ def weigh(classes, weights, log_ratio, settled, most_against):  # type: ignore[n
 
     log_ratio: (n,) log likelihood over that outside, of the classes in the map; settled: log evidence that class 3 as a
     whole has at the least, -inf for none; most_against: what the scan may hold against the best particle of the map.
-    Returns (weights, top, weight in the map before, after).
+    Returns (weights, their sum, top, weight in the map before, after).
     """
     best = np.full(2, -np.inf)  # of class 3, and of the others in the map
     for i in range(classes.size):
@@ -109,13 +109,14 @@ def weigh(classes, weights, log_ratio, settled, most_against):  # type: ignore[n
     highest = max(best[0], best[1])
     best += max(0.0, -most_against - highest) if highest > -np.inf else 0.0
     top = max(0.0, best[0], best[1])
-    scale, outside = np.exp(best - top), np.exp(-top)
+    scale, outside, total = np.exp(best - top), np.exp(-top), 0.0
     for i in range(classes.size):
         if classes[i] == 4 or classes[i] == 5:
             out[i] = weights[i] * outside
         else:
             out[i] *= scale[np.int64(classes[i] != 3)]
-    return out, top, before[0] + before[1], after[0] * scale[0] + after[1] * scale[1]
+        total += out[i]
+    return out, total, top, before[0] + before[1], after[0] * scale[0] + after[1] * scale[1]
 
 
 @kernel
@@ -132,16 +133,6 @@ def after_scan(classes, of_class, weights, log_ratio):  # type: ignore[no-untype
             index[k], after[k] = i, weights[i] * np.exp(log_ratio[i] - best)
             k += 1
     return index, after
-
-
-@kernel
-def spread_of(weights):  # type: ignore[no-untyped-def]
-    """Sum of weights (n,) and their effective number (0 where there is none)."""
-    total, squares = 0.0, 0.0
-    for w in weights:
-        total += w
-        squares += w * w
-    return total, (total * total / squares if squares > 0.0 else 0.0)
 
 
 @kernel

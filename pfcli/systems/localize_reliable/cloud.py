@@ -9,6 +9,9 @@ from pfcli.core.motion.odometry import predict
 from pfcli.core.resample import systematic
 from pfcli.core.weights import normalize
 
+MODE_M, MODE_RAD = 0.75, 0.5
+"""Poses within this of each other are one hypothesis."""
+
 
 class Cloud(NamedTuple):
     """pose (n, 3), log weight (n,) and p(success) (n,) of each particle; believed (n,): of the hypothesis that was

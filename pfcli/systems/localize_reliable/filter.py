@@ -20,14 +20,14 @@ from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.localize_reliable import cloud, key_scans, start, track_record, weigh
 from pfcli.systems.localize_reliable.assets import Assets, gain_of, load, model_of, reach_m, scan_of
-from pfcli.systems.localize_reliable.cloud import Cloud
+from pfcli.systems.localize_reliable.cloud import MODE_M, MODE_RAD, Cloud
 from pfcli.systems.localize_reliable.decision import Classifier
 from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.protection import protection_level_m
 from pfcli.systems.localize_reliable.records import Records
 from pfcli.systems.localize_reliable.residuals import misaligned_share
 from pfcli.systems.localize_reliable.track_record import TrackRecord
-from pfcli.systems.localize_reliable.weigh import MODE_M, MODE_RAD, Reading
+from pfcli.systems.localize_reliable.weigh import Reading
 from pfcli.systems.pace import step_noise, step_since
 from pfcli.systems.result import Result
 from pfcli.systems.track import TrackKeeper
@@ -149,17 +149,12 @@ def _due(state: State, before: Cloud, stamp_ns: int, params: Params) -> bool:
     return not params.gl_gate or float(np.exp(before.log_w) @ before.reliability) < 0.5
 
 
-def _success(state: State, pose: NDArray[np.float64], by_scan: float, params: Params) -> tuple[State, float, float]:
-    """P(success) of an estimate (3,), and the share of it that the places trusted so far allow. by_scan: what the scans
-    say of it."""
-    expected = pose if state.predicted is None else state.predicted
+def _recorded(state: State, expected: NDArray[np.float64], pose: NDArray[np.float64], by_scan: float) -> TrackRecord:
+    """The places that were trusted, after an estimate (3,) where odometry expected (3,). by_scan: p(success) by the scans."""
     record = state.record
     if not estimate.members(expected[None], pose, MODE_M, MODE_RAD)[0]:
         record = track_record.given_up(record, state.way_m)
-    record = track_record.trusted(record, by_scan)
-    counts = params.track_record and state.classifier is not None
-    precision = track_record.precision(record, state.way_m) if counts else 1.0
-    return state._replace(record=record, predicted=pose), by_scan * precision, precision
+    return track_record.trusted(record, by_scan)
 
 
 def _conclude(
@@ -178,9 +173,11 @@ def _conclude(
     found = estimate.densest(after.pose, weights, MODE_M, MODE_RAD)
     inside = estimate.members(after.pose, found.pose, MODE_M, MODE_RAD)
     expected = found.pose if state.predicted is None else state.predicted
-    state, p_success, precision = _success(
-        state, found.pose, float(weights[inside] @ after.reliability[inside]), params
-    )
+    by_scan = float(weights[inside] @ after.reliability[inside])
+    record = _recorded(state, expected, found.pose, by_scan)
+    counts = params.track_record and state.classifier is not None
+    precision = track_record.precision(record, state.way_m) if counts else 1.0
+    p_success = by_scan * precision
     fit = class_conditional.fit(found.pose[None], scan, assets.field, reading.model)
     p_unknown, away = class_conditional.classes(found.pose, scan, assets.field, reading.model)
     unknown = p_unknown >= params.unknown_threshold
@@ -220,7 +217,7 @@ def _conclude(
         after = cloud.resampled(after, weights, inside, wanted, params.rivals, u)
     else:
         after = after._replace(log_w=np.log(np.maximum(weights, 1e-300)), believed=np.asarray(inside))
-    return state._replace(cloud=after), info
+    return state._replace(cloud=after, predicted=found.pose, record=record), info
 
 
 def finish(state: State, assets: Assets, params: Params) -> Result:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import compose
 from pfcli.core.rows import Rows
 from pfcli.formats.map_yaml import GridMap
+from pfcli.systems.localize_reliable.cloud import MODE_M
 
 _TRUSTED, _SEEN_TWICE = 0.9, 2
-_JUMP_M = 0.75
 
 
 class Records:
@@ -88,7 +88,7 @@ class Records:
         stamps, jumps = self._stamps_ns.array().tolist(), self._jumps_m.array().tolist()
         for k, p in enumerate(self._p_success.array().tolist()):
             moved = max(moved, jumps[k]) if lost >= 0 else jumps[k]
-            jumped = jumps[k] > _JUMP_M
+            jumped = jumps[k] > MODE_M
             if lost < 0 and sure and (p < 0.5 or jumped):
                 lost = k if p < 0.5 else k - 1
             if lost >= 0 and p >= 0.5:

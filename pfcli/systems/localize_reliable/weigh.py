@@ -12,13 +12,10 @@ from pfcli.core.weights import normalize
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_reliable import decision, key_scans, proposal, sampler
 from pfcli.systems.localize_reliable.assets import Assets
-from pfcli.systems.localize_reliable.cloud import Cloud, joined
+from pfcli.systems.localize_reliable.cloud import MODE_M, MODE_RAD, Cloud, joined
 from pfcli.systems.localize_reliable.decision import Classifier
 from pfcli.systems.localize_reliable.key_scans import KeyScan
 from pfcli.systems.localize_reliable.params import Params
-
-MODE_M, MODE_RAD = 0.75, 0.5
-"""Poses within this of each other are one hypothesis."""
 
 
 class Reading(NamedTuple):
