@@ -39,7 +39,7 @@ def _scan(field: cc.Field, pose: np.ndarray) -> cc.Scan:
 
 def _key(field: cc.Field, pose: np.ndarray, worth: float = 1.0) -> key_scans.KeyScan:
     scan = _scan(field, pose)
-    return key_scans.KeyScan(pose[None], scan.ends.T.astype(np.float64), scan, worth)
+    return key_scans.KeyScan(pose[None], key_scans.placed(pose[None], scan.ends.T), scan, worth)
 
 
 def test_what_was_seen_is_not_new_wherever_the_robot_has_gone(field: cc.Field) -> None:
@@ -68,7 +68,7 @@ def test_the_share_that_is_new_equals_its_slow_definition(field: cc.Field) -> No
             best = np.inf
             for key in history:
                 k = key.odometry[0]
-                for ex, ey in key.ends:
+                for ex, ey in key.scan.ends.T:
                     c2, s2 = np.cos(k[2]), np.sin(k[2])
                     seen = k[:2] + np.array([c2 * ex - s2 * ey, s2 * ex + c2 * ey])
                     best = min(best, float(np.hypot(*(seen - there))))
@@ -87,11 +87,11 @@ def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
         return float(np.log(np.exp(log_weights[chosen]).sum()))
 
     gained = mass(log_w + log, ~believed) - mass(log_w, ~believed) - mass(log_w + log, believed) + mass(log_w, believed)
-    for worth in (0.0, 0.3, 1.0):
-        after = weigh.rivalry(particles, log, worth)
+    for worth, top in ((0.0, 9.0), (0.3, 9.0), (1.0, 9.0), (1.0, 0.1)):
+        after = weigh.rivalry(particles, log, worth, top)
         now = mass(after, ~believed) - mass(after, believed)
         before = mass(log_w, ~believed) - mass(log_w, believed)
-        assert now - before == pytest.approx(worth * gained)
+        assert now - before == pytest.approx(np.clip(worth * gained, -top, top))
         for group in (believed, ~believed):  # within each the whole scan counts
             moved = (after - log_w - log)[group]
             assert np.ptp(moved) == pytest.approx(0.0, abs=1e-12)
@@ -132,13 +132,18 @@ def test_a_place_must_explain_the_key_scans_too(field: cc.Field) -> None:
     path = np.array([[2.0, 1.2, 0.3], [2.3, 1.3, 0.5], [2.6, 1.5, 0.7]])
     history = [_key(field, pose, worth) for pose, worth in zip(path, (1.0, 0.4, 0.2), strict=True)]
     wrong = np.array([5.0, 4.5, -1.0])
-    found = key_scans.past_evidence(np.vstack([path[-1], wrong]), history, history[-1], field, MODEL, 0.2)
-    slow = sum(
-        0.2 * worth * cc.fit(pose[None], key.scan, field, MODEL).log_likelihood[0]
-        for pose, key, worth in zip(path[:2], history[:2], (1.0, 0.4), strict=True)
-    )
-    assert found[0] == pytest.approx(slow, rel=1e-9)
-    assert found[1] < found[0] - 10.0
+    away = path + np.array([0.03, -0.02, 0.0])
+    said = [
+        0.2 * worth * np.subtract(*cc.fit(np.array(poses), key.scan, field, MODEL).log_likelihood)
+        for poses, key, worth in zip(zip(away[:2], path[:2], strict=True), history[:2], (1.0, 0.4), strict=True)
+    ]
+    for top in (1e6, 0.1):
+        found = key_scans.past_evidence(
+            np.vstack([path[-1], away[-1], wrong]), path[-1], history, history[-1], field, MODEL, 0.2, top
+        )
+        assert found[0] == 0.0
+        assert found[1] == pytest.approx(np.clip(said, -top, top).sum(), rel=1e-6)
+        assert found[2] < -10.0 if top > 10.0 else found[2] == pytest.approx(-2 * top)
 
 
 def test_the_match_finds_where_the_scan_was_taken(field: cc.Field) -> None:

@@ -23,6 +23,7 @@ from pfcli.core.threads import rows_of, spread
 
 OFF_MAP = 1e3
 """Distance given to end points that lie off the map."""
+_ANYWHERE_M = np.float32(OFF_MAP - 1.0)
 
 
 class Model(NamedTuple):
@@ -133,61 +134,73 @@ def _hit_table(model, step_m, count):  # type: ignore[no-untyped-def]
 _STEPS_PER_SIGMA, _TABLE = 64, 64 * 6
 
 
-@inline_kernel
-def _away(away, rows, cols, gx, gy, c, s, ends, b):  # type: ignore[no-untyped-def]
-    """Distance at the end point of beam b for a pose at (gx, gy) cells with turn (c, s) in cells per metre."""
-    x, y = gx + c * ends[0, b] - s * ends[1, b], gy + s * ends[0, b] + c * ends[1, b]
-    ix = min(max(np.int64(np.floor(x)), 0), cols - 1)
-    iy = min(max(np.int64(np.floor(y)), 0), rows - 1)
-    return away[iy * cols + ix]
+_BLOCK = 64
+"""Poses that are looked up together, beam by beam: one beam of all of them ends in few cells."""
 
 
 @inline_kernel
-def _placed(pose, frame, yaw):  # type: ignore[no-untyped-def]
-    """Place of a pose in cells, and its turn as cosine and sine in cells per metre."""
-    scale = np.hypot(frame[0], frame[3])
-    gx = frame[0] * pose[0] + frame[1] * pose[1] + frame[2]
-    gy = frame[3] * pose[0] + frame[4] * pose[1] + frame[5]
-    return gx, gy, np.cos(pose[2] - yaw) * scale, np.sin(pose[2] - yaw) * scale
+def _through(ranges, first, base, turn_b, range_b, unit_m, low, high, expected, out, n):  # type: ignore[no-untyped-def]
+    """Of n poses, in which a beam reads beyond a mapped surface: farther than both neighbouring directions of the table, by a
+    margin (1), or so far that not even a wall at its end explains it (2).
+
+    first: where the row of each begins in the table, -1 where none serves it; base: its heading in turns, 0 .. 1;
+    low, high, expected: (n,) for what is in between.
+    """
+    bins, flat = np.int32(ranges.shape[1]), ranges.ravel()
+    near, far = range_b - np.float32(_MARGIN_M), range_b - np.float32(_FAR_BEYOND_M + _FAR_BEYOND * range_b)
+    for i in range(n):
+        k = np.int32((base[i] + turn_b) * np.float32(bins))
+        k = k - bins if k >= bins else k
+        k = k - bins if k >= bins else k
+        low[i] = max(first[i], 0) + k
+        high[i] = max(first[i], 0) + (k + 1 if k + 1 < bins else 0)
+    for i in range(n):
+        expected[i] = max(flat[np.uint64(low[i])], flat[np.uint64(high[i])])
+    for i in range(n):
+        met, away_m = np.int32(expected[i]) < UNKNOWN, np.float32(expected[i]) * unit_m
+        found = np.uint8(met & (away_m < near)) + np.uint8(met & (away_m < far))
+        out[i] = found if first[i] >= 0 else 1
 
 
-@kernel
-def _through(ranges, row, frame, yaw, unit_m, pose, sensor, turn, range_m, out):  # type: ignore[no-untyped-def]
-    """Which beams read beyond a mapped surface: farther than both neighbouring directions of the table, by a margin (1),
-    or so far that not even a wall at their end explains them (2)."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    x, y = pose[0] + c * sensor[0] - s * sensor[1], pose[1] + s * sensor[0] + c * sensor[1]
-    k = row_at(row, frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5])
-    bins = ranges.shape[1]
-    base = (pose[2] - yaw) / (2.0 * np.pi)
-    base -= np.floor(base)
-    for b in range(turn.size):
-        if k < 0:
-            out[b] = 1
-            continue
-        low = int((base + turn[b]) * bins)
-        low = low - bins if low >= bins else low
-        low = low - bins if low >= bins else low
-        high = low + 1 if low + 1 < bins else 0
-        expected = max(ranges[k, low], ranges[k, high])
-        beyond = range_m[b] - expected * unit_m if expected < UNKNOWN else 0.0
-        out[b] = (beyond > _MARGIN_M) + (beyond > _FAR_BEYOND_M + _FAR_BEYOND * range_m[b])
-
-
-@kernel
-def _by_field(pose, scan, field, distance, through):  # type: ignore[no-untyped-def]
-    """Distance of every end point from the nearest mapped surface, and which beams read beyond one."""
+@inline_kernel
+def _by_field(poses, scan, field, distance, through):  # type: ignore[no-untyped-def]
+    """Distance (b, n) of every end point from the nearest mapped surface, and which beams read beyond one, for n poses."""
     away, rows, cols, frame, yaw, expected = field[0]
+    ranges, row, row_frame, unit_m = expected
     ends, range_m, turn, sensor = scan
-    gx, gy, c, s = _placed(pose, frame, yaw)
-    _through(expected[0], expected[1], expected[2], yaw, expected[3], pose, sensor, turn, range_m, through)
+    n, bins, unit = poses.shape[0], ranges.shape[1], np.float32(unit_m)
+    scale = np.hypot(frame[0], frame[3])
+    gx, gy, c, s = (np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32))
+    first, base, at = np.empty(n, np.int64), np.empty(n, np.float32), np.empty(n, np.int32)
+    lower, upper, met = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.uint16)
+    for i in range(n):
+        x, y, cos, sin = poses[i, 0], poses[i, 1], np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        sx, sy = x + cos * sensor[0] - sin * sensor[1], y + sin * sensor[0] + cos * sensor[1]
+        k = row_at(
+            row,
+            row_frame[0] * sx + row_frame[1] * sy + row_frame[2],
+            row_frame[3] * sx + row_frame[4] * sy + row_frame[5],
+        )
+        first[i] = k * bins if k >= 0 else -1
+        turned = (poses[i, 2] - yaw) / (2.0 * np.pi)
+        base[i] = turned - np.floor(turned)
+        gx[i], gy[i] = frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]
+        c[i], s[i] = np.cos(poses[i, 2] - yaw) * scale, np.sin(poses[i, 2] - yaw) * scale
+    zero, right, top, each = np.float32(0.0), np.float32(cols - 1), np.float32(rows - 1), np.int32(cols)
     for b in range(ends.shape[1]):
-        distance[b] = _away(away, rows, cols, gx, gy, c, s, ends, b)
+        px, py = ends[0, b], ends[1, b]
+        for i in range(n):
+            x, y = gx[i] + c[i] * px - s[i] * py, gy[i] + s[i] * px + c[i] * py
+            at[i] = np.int32(min(max(y, zero), top)) * each + np.int32(min(max(x, zero), right))
+        for i in range(n):
+            distance[b, i] = away[np.uint32(at[i])]
+        _through(ranges, first, base, turn[b], range_m[b], unit, lower, upper, met, through[b], n)
 
 
 @kernel
-def _by_rays(pose, scan, field, distance, through):  # type: ignore[no-untyped-def]
-    """How much every beam reads less than the first mapped surface, or more than its cell is deep, and which read beyond."""
+def _by_rays(pose, scan, field, distance, through, i):  # type: ignore[no-untyped-def]
+    """How much every beam reads less than the first mapped surface, or more than its cell is deep, and which read beyond:
+    column i of distance and through (b, n)."""
     room, cells, frame, yaw, reach_m = field[1]
     _, range_m, turn, sensor = scan
     cell_m = 1.0 / np.hypot(frame[0], frame[3])
@@ -197,48 +210,75 @@ def _by_rays(pose, scan, field, distance, through):  # type: ignore[no-untyped-d
     nowhere = row_at(room, gx, gy) <= 0
     for b in range(turn.size):
         if nowhere:  # in a wall or off the map nothing can be seen
-            distance[b], through[b] = OFF_MAP, 1
+            distance[b, i], through[b, i] = OFF_MAP, 1
             continue
         angle = pose[2] - yaw + 2.0 * np.pi * turn[b]
         expected = cast(room, cells, gx, gy, np.cos(angle), np.sin(angle), reach_m / cell_m) * cell_m
         beyond = range_m[b] - expected
         met = 0.0 <= expected < np.inf
-        distance[b] = max(-beyond, beyond - cell_m, 0.0) if met else OFF_MAP
-        through[b] = met and beyond > _MARGIN_M
+        distance[b, i] = max(-beyond, beyond - cell_m, 0.0) if met else OFF_MAP
+        through[b, i] = met and beyond > _MARGIN_M
 
 
 @kernel
-def _residuals(pose, scan, field, by_rays, distance, through):  # type: ignore[no-untyped-def]
+def _residuals(poses, scan, field, by_rays, distance, through):  # type: ignore[no-untyped-def]
+    """Residuals (b, n) of every beam at n poses (n, 3), and which read beyond a mapped surface."""
     if by_rays:
-        _by_rays(pose, scan, field, distance, through)
+        for i in range(poses.shape[0]):
+            _by_rays(poses[i], scan, field, distance, through, i)
     else:
-        _by_field(pose, scan, field, distance, through)
+        _by_field(poses, scan, field, distance, through)
+
+
+@inline_kernel
+def _judge(distance, through, unknown_b, table, steps, hit_m, top_m, at, density, sums, n):  # type: ignore[no-untyped-def]
+    """Add what one beam says of n poses: its density, whether it is a hit or beyond one, and its residual. One short loop
+    for each, all but the look-up of which is done for several poses at once."""
+    product, residual, on_map, hits, beyond = sums
+    most, none, unknown = np.float32(table.size - 1), table[table.size - 1], np.float32(unknown_b)
+    for i in range(n):
+        at[i] = np.int32(min(distance[i] * steps, most))
+    for i in range(n):
+        density[i] = table[np.uint32(at[i])] + unknown
+    for i in range(n):
+        near = distance[i] <= hit_m
+        passes = (through[i] == 2) | ((through[i] == 1) & (not near))
+        density[i] = none if passes else density[i]
+        hits[i] += np.int32(near & (not passes))
+        beyond[i] += np.int32(passes)
+    for i in range(n):
+        there = distance[i] < _ANYWHERE_M
+        residual[i] += min(distance[i], top_m) if there else np.float32(0.0)
+        on_map[i] += np.int32(there)
+    for i in range(n):
+        product[i] *= density[i]
 
 
 @kernel
 def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, model, out):  # type: ignore[no-untyped-def]
-    n = scan[0].shape[1]
-    distance, through = np.empty(n, np.float32), np.empty(n, np.uint8)
-    for i in range(low, high):
-        _residuals(poses[i], scan, field, model.by_rays, distance, through)
-        total, product, residual, on_map, hits, beyond = 0.0, 1.0, 0.0, 0, 0, 0
-        for b in range(n):
-            d = distance[b]
-            passes = through[b] == 2 or (through[b] == 1 and d > model.hit_m)
-            hit = d <= model.hit_m and not passes
-            product *= table[table.size - 1] if passes else table[min(np.int64(d * per_m), table.size - 1)] + unknown[b]
+    beams = scan[0].shape[1]
+    distance, through = np.empty((beams, _BLOCK), np.float32), np.empty((beams, _BLOCK), np.uint8)
+    at, density, total = np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK)
+    product, residual = np.empty(_BLOCK), np.empty(_BLOCK)
+    on_map, hits, beyond = np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.int32)
+    sums = product, residual, on_map, hits, beyond
+    limits = np.float32(per_m), model.hit_m, np.float32(model.mae_top_m)
+    for first in range(low, high, _BLOCK):
+        n = min(_BLOCK, high - first)
+        _residuals(poses[first : first + n], scan, field, model.by_rays, distance, through)
+        for i in range(n):
+            total[i], product[i], residual[i], on_map[i], hits[i], beyond[i] = 0.0, 1.0, 0.0, 0, 0, 0
+        for b in range(beams):
+            _judge(distance[b], through[b], unknown[b], table, *limits, at, density, sums, n)
             if b % 8 == 7:
                 # one logarithm for eight beams: their product stays within the range of a double
-                total += np.log(product)
-                product = 1.0
-            beyond += passes
-            hits += hit
-            if d < 999.0:
-                residual += min(d, model.mae_top_m)
-                on_map += 1
-        out[i, 0] = total + np.log(product)
-        out[i, 1] = residual / on_map if on_map else np.nan
-        out[i, 2], out[i, 3] = hits / n, beyond / n
+                for i in range(n):
+                    total[i] += np.log(product[i])
+                    product[i] = 1.0
+        for i in range(n):
+            out[first + i, 0] = total[i] + np.log(product[i])
+            out[first + i, 1] = residual[i] / on_map[i] if on_map[i] else np.nan
+            out[first + i, 2], out[first + i, 3] = hits[i] / beams, beyond[i] / beams
 
 
 def _packed(field: Field) -> tuple[Any, Any]:
@@ -281,12 +321,12 @@ class Classes(NamedTuple):
 
 @kernel
 def _classes(pose, scan, unknown, field, table, per_m, by_rays, posterior, distance):  # type: ignore[no-untyped-def]
-    n = scan[0].shape[1]
-    found, through = np.empty(n, np.float32), np.empty(n, np.uint8)
-    _residuals(pose, scan, field, by_rays, found, through)
-    for b in range(n):
-        known = table[min(np.int64(found[b] * per_m), table.size - 1)]
-        posterior[b], distance[b] = unknown[b] / (known + unknown[b]), found[b]
+    beams = scan[0].shape[1]
+    found, through = np.empty((beams, 1), np.float32), np.empty((beams, 1), np.uint8)
+    _residuals(pose.reshape(1, 3), scan, field, by_rays, found, through)
+    for b in range(beams):
+        known = table[min(np.int64(found[b, 0] * per_m), table.size - 1)]
+        posterior[b], distance[b] = unknown[b] / (known + unknown[b]), found[b, 0]
 
 
 def classes(pose: NDArray[np.float64], scan: Scan, field: Field, model: Model) -> Classes:

@@ -121,7 +121,7 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     if new > _CARRIED + key_scans.turned_share(sweep.scan, now, state.history):
         state.history.clear()  # earlier scans do not lie where odometry says
     worth = min(1.0, new / gain) if params.new_only else 1.0
-    key = key_scans.KeyScan(now, points, scan, worth)
+    key = key_scans.KeyScan(now, key_scans.placed(now, points), scan, worth)
     key_scans.remember(state.history, key, max(_REMEMBERED, params.gl_steps + 1))
     assert state.cloud is not None
     due = _due(state, state.cloud, sweep.stamp_ns, params)

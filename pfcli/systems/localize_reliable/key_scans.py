@@ -21,8 +21,8 @@ _SAME_M, _SAME_RAD = 0.1, 0.02
 
 
 class KeyScan(NamedTuple):
-    """odometry (1, 3) where it was taken; end points (b, 2) in the base frame (m); scan: the beams of them that the filter
-    uses; worth: what it says beyond the key scans before it, as a share of what a scan says."""
+    """odometry (1, 3) where it was taken; end points (b, 2) in the frame of the odometry (m); scan: the beams of them that
+    the filter uses; worth: what it says beyond the key scans before it, as a share of what a scan says."""
 
     odometry: NDArray[np.float64]
     ends: NDArray[np.float64]
@@ -40,18 +40,26 @@ def remember(history: list[KeyScan], scan: KeyScan, most: int) -> None:
     del history[: max(0, len(history) - most)]
 
 
-def seen_from(odometry: NDArray[np.float64], key: KeyScan, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(b, 2) points in the base frame of a key scan, in the base frame where odometry (1, 3) was read."""
-    poses = np.column_stack([points, np.zeros(len(points))])
-    return np.asarray(compose(between(odometry, key.odometry), poses)[:, :2])
+def placed(odometry: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(b, 2) points in the base frame where odometry (1, 3) was read, in the frame of the odometry."""
+    return np.asarray(compose(odometry, _poses(points))[:, :2])
+
+
+def seen_from(odometry: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(b, 2) points in the frame of the odometry, in the base frame where odometry (1, 3) was read."""
+    return np.asarray(between(odometry, _poses(points))[:, :2])
+
+
+def _poses(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([points, np.zeros(len(points))])
 
 
 @kernel
 def _unseen(ends, sensor, seen, same_m, same_rad):  # type: ignore[no-untyped-def]
-    """How many end points (2, b) have none of `seen` (m, 2) near."""
+    """How many end points (b, 2) have none of `seen` (m, 2) near."""
     count = 0
-    for b in range(ends.shape[1]):
-        x, y = ends[0, b], ends[1, b]
+    for b in range(ends.shape[0]):
+        x, y = ends[b, 0], ends[b, 1]
         near = same_m + same_rad * np.hypot(x - sensor[0], y - sensor[1])
         best = 1e9
         for k in range(seen.shape[0]):
@@ -68,8 +76,9 @@ def new_share(scan: Scan, odometry: NDArray[np.float64], history: list[KeyScan])
     """
     if not history:
         return 1.0
-    earlier = np.concatenate([seen_from(odometry, k, k.ends) for k in history])
-    return float(_unseen(scan.ends, scan.sensor, earlier, _SAME_M, _SAME_RAD) / scan.ends.shape[1])
+    here = placed(odometry, np.vstack([scan.sensor, scan.ends.T]))
+    earlier = np.concatenate([k.ends for k in history])
+    return float(_unseen(here[1:], here[0], earlier, _SAME_M, _SAME_RAD) / scan.ends.shape[1])
 
 
 def turned_share(scan: LaserScan, odometry: NDArray[np.float64], history: list[KeyScan]) -> float:
@@ -81,13 +90,22 @@ def turned_share(scan: LaserScan, odometry: NDArray[np.float64], history: list[K
 
 
 def past_evidence(
-    poses: NDArray[np.float64], history: list[KeyScan], now: KeyScan, field: Field, model: Model, gain: float
+    poses: NDArray[np.float64],
+    own: NDArray[np.float64],
+    history: list[KeyScan],
+    now: KeyScan,
+    field: Field,
+    model: Model,
+    gain: float,
+    top: float,
 ) -> NDArray[np.float64]:
-    """(n,) what the key scans before `now` say for a robot at poses (n, 3) that came there as odometry tells: each as much as
-    it showed something new."""
+    """(n,) what the key scans before `now` say for a robot at poses (n, 3) instead of `own` (3,), that came there as odometry
+    tells: each as much as it showed something new, and `top` nats at the most."""
     total = np.zeros(poses.shape[0])
+    both = np.vstack([poses, own])
     for key in history:
         if key is not now:
-            there = compose(poses, between(now.odometry, key.odometry))
-            total += key.worth * gain * class_conditional.fit(there, key.scan, field, model).log_likelihood
+            there = compose(both, between(now.odometry, key.odometry))
+            log = gain * class_conditional.fit(there, key.scan, field, model).log_likelihood
+            total += np.clip(key.worth * (log[:-1] - log[-1]), -top, top)
     return total

@@ -68,6 +68,9 @@ class Params:
     new_only: Annotated[
         bool, Opt("what earlier scans showed already is no evidence between the believed place and its rivals")
     ] = True
+    evidence_top: Annotated[
+        float, Opt("what one scan may say between the believed place and its rivals, at the most", "nat", 0.1, 1e6)
+    ] = 5.0
     match_samples: Annotated[
         int, Opt("particles drawn around the optimum of a scan match, by importance; 0 matches none", "", 0, 100_000)
     ] = 0

@@ -34,8 +34,9 @@ def candidates(
     matches there were. Where the map or the scans have no key point, places are drawn uniformly instead."""
     earlier = [k for k in history if k is not now]
     scans = [*earlier[max(0, len(earlier) - steps) :], now]
-    joined = [key_scans.seen_from(now.odometry, k, k.ends) for k in scans]
-    origins = np.array([key_scans.seen_from(now.odometry, k, k.scan.sensor[None])[0] for k in scans])
+    joined = [key_scans.seen_from(now.odometry, k.ends) for k in scans]
+    sensors = np.concatenate([key_scans.placed(k.odometry, k.scan.sensor[None]) for k in scans])
+    origins = key_scans.seen_from(now.odometry, sensors)
     seen = free_space.local_features(joined, origins, _CELL_M, _HALF_M)
     found = free_space.match(seen, known, _CANDIDATES).pose
     if found.shape[0]:

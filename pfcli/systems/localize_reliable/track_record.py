@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-_RIGHT_M, _WRONG_M = 100.0, 2.5
+_RIGHT_M, _WRONG_M = 100.0, 4.5
 _SHARE = np.append((np.arange(50) + 0.5) / 50.0, 0.98)
 """Shares of right places among the trusted ones that are thought possible: in wrong maps any, in right ones the last."""
 _PRIOR = np.append(np.full(50, 0.001 / 50.0), 0.999)

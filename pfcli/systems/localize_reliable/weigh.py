@@ -43,7 +43,9 @@ def by_scan(
         cloud, matches = sampled(cloud, tracked, reading, assets, params, draw(Purpose.INJECT, reading.stamp_ns))
     fit = class_conditional.fit(cloud.pose, reading.scan, assets.field, reading.model)
     log, reliability = judge(fit, cloud.reliability, reading.gain, learnt, params)
-    return cloud._replace(log_w=rivalry(cloud, log, reading.key.worth), reliability=reliability), matches
+    return cloud._replace(
+        log_w=rivalry(cloud, log, reading.key.worth, params.evidence_top), reliability=reliability
+    ), matches
 
 
 def judge(
@@ -64,14 +66,16 @@ def judge(
     return log, np.clip(reliability * ratio / both, 1.0 - top, top)
 
 
-def rivalry(cloud: Cloud, log: NDArray[np.float64], worth: float) -> NDArray[np.float64]:
+def rivalry(cloud: Cloud, log: NDArray[np.float64], worth: float, top: float) -> NDArray[np.float64]:
     """(n,) log weights after a scan: within what is believed, and among its rivals, the whole of it counts; between the
-    two the share that it is worth beside the key scans."""
+    two the share that it is worth beside the key scans, and `top` nats at the most: where the map has changed, all beams of
+    a scan err together, and what one scan says is no proof."""
     rival, after = ~cloud.believed, cloud.log_w + log
     if not rival.any() or rival.all():
         return after
     for_rivals, against = (normalize(after[k])[1] - normalize(cloud.log_w[k])[1] for k in (rival, cloud.believed))
-    return after - np.where(rival, (1.0 - worth) * (for_rivals - against), 0.0)
+    speaks = for_rivals - against
+    return after + np.where(rival, np.clip(worth * speaks, -top, top) - speaks, 0.0)
 
 
 def sampled(
@@ -84,9 +88,9 @@ def sampled(
     pose = sampler.gather(pose, sampler.STAGES, count, key.scan, field, model, gain, rng)
     # key scans end where the robot may have been carried: since then a robot here has seen what the believed one has
     own = tracked.pose[int(np.argmax(np.where(tracked.believed, tracked.log_w, -np.inf)))]
-    past = key_scans.past_evidence(np.vstack([pose, own]), history, key, field, model, gain)
+    past = key_scans.past_evidence(pose, own, history, key, field, model, gain, params.evidence_top)
     prior, area = np.exp(tracked.log_w), assets.free_xy.shape[0] * assets.grid.resolution_m**2
-    importance = sampler.log_importance(pose, tracked.pose, prior, params.gl_uniform, area, past[:-1] - past[-1])
+    importance = sampler.log_importance(pose, tracked.pose, prior, params.gl_uniform, area, past)
     here = estimate.members(pose, own, MODE_M, MODE_RAD)
     cloud = cloud._replace(log_w=cloud.log_w + sampler.halved(cloud.pose, pose))
     return joined(cloud, Cloud(pose, importance - np.log(count), np.full(count, 0.5), here)), matches
