@@ -256,7 +256,7 @@ def test_regrouping_keeps_each_clusters_weight(assets: Assets) -> None:
     weights = rng.random(3000) ** 4
     weights /= weights.sum()
     _, new_labels, new_weights = kernels.regroup(
-        poses, labels, weights, rng.random(7), 50, 400, 0.5, 0.05, 0.5, 0.26, 1e-9
+        poses, labels, weights, rng.random(7), 50, 400, 400, 0.5, 0.05, 0.5, 0.26, 1e-9
     )
     assert kernels.masses(new_labels, new_weights) == pytest.approx(kernels.masses(labels, weights))
     assert np.bincount(new_labels).max() <= 400
@@ -266,13 +266,16 @@ def test_regrouping_keeps_those_far_apart_and_the_fewest(assets: Assets) -> None
     rng = np.random.default_rng(8)
     near, far = rng.normal(0, 0.05, (2000, 3)), rng.uniform(-20, 20, (30_000, 3))
     poses, weights = np.concatenate([near, far]), np.r_[np.full(2000, 0.7 / 2000), np.full(30_000, 0.3 / 30_000)]
-    kept = (200, 20_000, 0.5, 0.01, 0.5, 0.26, 1e-9)
+    kept = (200, 3000, 20_000, 0.5, 0.01, 0.5, 0.26, 1e-9)
     found, _, mass = kernels.regroup(poses, np.full(32_000, 3, np.uint8), weights, rng.random(7), *kept)
     away = np.hypot(*found[:, :2].T) > 1.0
     assert mass[away].sum() == pytest.approx(0.3, abs=0.01)
     assert away.sum() > 5000  # one hypothesis that is the likelier does not thin out the others
+    given_up, _, mass = kernels.regroup(poses, np.full(32_000, 3, np.uint8), 1e-4 * weights, rng.random(7), *kept)
+    assert given_up.shape[0] == 3000  # a place that hardly anything speaks for
+    assert mass.sum() == pytest.approx(1e-4)
     for most in (9, 1000):
-        few = (200, most, 0.5, 0.01, 0.5, 0.26, 1e-9)
+        few = (200, min(200, most), most, 0.5, 0.01, 0.5, 0.26, 1e-9)
         labels = np.repeat(np.array([3, 5], np.uint8), 16_000)
         _, left, mass = kernels.regroup(poses, labels, np.full(32_000, 1 / 32_000), rng.random(7), *few)
         assert np.bincount(left)[5] == min(200, most)

@@ -35,13 +35,15 @@ _BLOCK = 256
 class Field(NamedTuple):
     """table: float32 (LEVELS * (rows + 2) * (cols + 2),), one field after the other, the spread doubled from each to the
     next, with a border around the map, UNKNOWN where beams are left out; rows, cols: with the border;
-    frame: (6,) from map coordinates to cells of the table: m00, m01, tx, m10, m11, ty; yaw of the grid (rad)."""
+    frame: (6,) from map coordinates to cells of the table: m00, m01, tx, m10, m11, ty; yaw of the grid (rad);
+    top: (LEVELS,), the highest value of each field."""
 
     table: NDArray[np.float32]
     rows: int
     cols: int
     frame: NDArray[np.float64]
     yaw_rad: float
+    top: NDArray[np.float64]
 
 
 def grid_frame(resolution_m: float, origin: tuple[float, float, float], border: int = 0) -> NDArray[np.float64]:
@@ -75,7 +77,8 @@ def build(
             value[(cells == -1) & (value < 0.0)] = UNKNOWN
         table[level, 1:-1, 1:-1] = value
     _, rows, cols = table.shape
-    return Field(table.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]))
+    top = log_ratio(np.zeros(LEVELS), model, np.arange(LEVELS, dtype=np.int32))
+    return Field(table.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]), top)
 
 
 def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) -> NDArray[np.int32]:

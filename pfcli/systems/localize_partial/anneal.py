@@ -32,7 +32,7 @@ def gather(
     before = np.zeros(poses.shape[0])
     for wider in (2, 1):
         level = np.minimum(reading.level + wider, likelihood_field.LEVELS - 1).astype(np.int32)
-        base = _blurred(reading, level, params)
+        base = _blurred(reading, level, assets)
         log = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, base)
         weight = weight * np.exp(log - before)
         total = weight.sum()
@@ -45,9 +45,7 @@ def gather(
     return poses, weight * np.exp(-before)
 
 
-def _blurred(reading: Reading, level: NDArray[np.int32], params: Params) -> NDArray[np.float32]:
+def _blurred(reading: Reading, level: NDArray[np.int32], assets: Assets) -> NDArray[np.float32]:
     """What the last metres explain, blurred as the map is: else no wide match could better it, and misses would win."""
-    model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
-    on = np.zeros(level.size)
-    lost = likelihood_field.log_ratio(on, model, reading.level) - likelihood_field.log_ratio(on, model, level)
+    lost = assets.field.top[reading.level] - assets.field.top[level]
     return np.where(reading.base > 0.0, np.maximum(0.0, reading.base - lost), reading.base).astype(np.float32)

@@ -24,7 +24,8 @@ _NEGLIGIBLE = 1e-9
 _WORTH_A_SEARCH = 3e-4
 """Mass of class 1 from which it is asked where it may have come in: surprises raise it in a few scans."""
 _BLIND = 3
-"""Blind poses, anywhere in the map, for each that is gathered: too few of them miss the place."""
+"""Blind poses, anywhere in the map, for each that is gathered: too few of them miss the place. As many are kept of
+classes 2 and 3 that hold next to no mass."""
 _BACK = 1e-7
 """Mass of class 6 from which it is gathered."""
 _GIVEN_UP = 1e-3
@@ -77,8 +78,9 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
     n_eff = float(effective_sample_size(weight / held)) if held > 0.0 else 0.0
     error = params.kld_error if params.kld else 0.0
     u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
-    limits = (params.min_particles, params.particles, params.resample_threshold, error, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
-    pose, label, weight = kernels.regroup(pose, label, weight, u, *limits)
+    lost = min(_BLIND * params.frontier_samples, params.particles)
+    limits = (params.min_particles, lost, params.particles, params.resample_threshold, error)
+    pose, label, weight = kernels.regroup(pose, label, weight, u, *limits, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
     total = weight.sum() + b1
     weight = weight / total
     b = kernels.masses(label, weight)

@@ -170,13 +170,13 @@ def worth(mass, most, least):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_rad, negligible):  # type: ignore[no-untyped-def]
+def regroup(poses, classes, weights, u, least, lost, most, share, error, side_m, side_rad, negligible):  # type: ignore[no-untyped-def]
     """Resample each cluster on its own, when its N_eff is low or it has grown too large.
 
-    weights: (n,), global; u: (7,), one offset per class; least, most: particles of a cluster; share: resample below
-    this N_eff / n; error: for the KLD bound (0: always `most`). Clusters with less than `negligible` weight are dropped,
-    improbable ones get fewer, and the outside classes 4 and 5 a tenth of `most` at the most.
-    Returns (poses, classes, weights).
+    weights: (n,), global; u: (7,), one offset per class; least, most: particles of a cluster; lost: of classes 2 and 3 when
+    they hold next to no weight; share: resample below this N_eff / n; error: for the KLD bound (0: always `most`). Clusters
+    with less than `negligible` weight are dropped, improbable ones get fewer, and the outside classes 4 and 5 a tenth of
+    `most` at the most. Returns (poses, classes, weights).
     """
     n = poses.shape[0]
     sizes, mass, squares, limits = np.zeros(7, np.int64), np.zeros(7), np.zeros(7), np.zeros(7, np.int64)
@@ -185,8 +185,9 @@ def regroup(poses, classes, weights, u, least, most, share, error, side_m, side_
         sizes[k] += 1
         mass[k] += weights[i]
         squares[k] += weights[i] * weights[i]
-    # an entry starts with little weight and must live until the map has spoken; an exit is tracked by odometry alone
-    limits[2] = limits[3] = most
+    # an entry starts with little weight and must live until the map has spoken: it keeps more than an exit, which odometry
+    # alone tracks
+    limits[2], limits[3] = worth(mass[2], most, lost), worth(mass[3], most, lost)
     limits[4] = worth(mass[4], max(min(least, most), most // 10), least)
     limits[5] = worth(mass[5], max(min(least, most), most // 10), least)
     limits[6] = worth(mass[6], most, least)
