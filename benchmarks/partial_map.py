@@ -1,6 +1,8 @@
 """localize-partial on simulated drives in and out of a partial map: classes, crossings, poses.
 
-python benchmarks/partial_map.py [seeds] [corrected|paper|plain|hours|switches ...]
+python benchmarks/partial_map.py [seeds] [corrected|filtered|paper|plain|hours|switches ...]
+
+corrected: in or out given the whole log, as `localize-partial` says it; filtered, paper: given the log so far.
 """
 
 import sys
@@ -209,9 +211,10 @@ SWITCHED = ["partial-enter", "partial-other-way", "partial-kidnap", "partial-cro
 
 
 def switches(seeds: int) -> None:
-    """What each part does, over the drives of SWITCHED together; smoothed: in or out given the whole log."""
+    """What each part does, over the drives of SWITCHED together; smooth: in or out given the whole log."""
     print(_HEAD.format("switch"))
     for params in SWITCHES:
+        params = {"smooth": False} | params
         scores, ms = [], []
         for name in SWITCHED:
             for seed in range(seeds):
@@ -219,7 +222,7 @@ def switches(seeds: int) -> None:
                 drive = beside_truth(localise(log, map_file, seed, Initial(SCENARIOS[name]), **params), log, map_file)
                 scores.append(judge(drive))
                 ms.append(drive.ms)
-        name = ", ".join(f"{k} = {v}" for k, v in params.items()) or "default"
+        name = ", ".join(f"{k} = {v}" for k, v in params.items())
         print(_row(name, scores, float(np.median(ms))), flush=True)
 
 
@@ -267,15 +270,17 @@ def _row(name: str, scores: list[Score], ms: float) -> str:
 
 def main(seeds: int = 10, *variants: str) -> None:
     """Both variants, and a plain MCL; `hours`: more drives outside, seeds from ten on; `switches`: one part at a time."""
-    for variant in variants or ("corrected", "paper", "plain"):
+    for variant in variants or ("corrected", "filtered", "paper", "plain"):
         if variant == "plain":
             plain(seeds)
         elif variant == "hours":
             table(range(10, 10 + seeds), "corrected", LONG_OUTSIDE)
         elif variant == "switches":
             switches(seeds)
-        else:
+        elif variant == "corrected":
             table(range(seeds), variant, list(SCENARIOS))
+        else:
+            table(range(seeds), variant.replace("filtered", "corrected"), list(SCENARIOS), smooth=False)
 
 
 if __name__ == "__main__":

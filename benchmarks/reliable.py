@@ -261,6 +261,7 @@ SWITCHES: tuple[dict[str, Any], ...] = (
     {},
     {"track_record": False},
     {"new_only": False},
+    {"evidence_top": 1e6},
     {"decision_weighs": True},
     {"rivals": 0},
     {"match_samples": 100},

@@ -131,7 +131,7 @@ def _roles(job: Job, log: Log, motion: str) -> list[str]:
     roles += [r for r in (*job.system.wants, "source_stamp") if r != reading and log.choose(r)]
     if job.truth is not None and not Path(job.truth).is_file():
         if job.truth not in ("auto", ""):
-            log.settings = log.settings._replace(topics={**log.settings.topics, "truth": job.truth})
+            _name_truth(log, job.truth)
         if log.choose("truth") is None:
             raise UsageError(f"{log.path}: --truth: the log has no truth topic; name one, or a TUM file")
         roles.append("truth")
@@ -159,6 +159,16 @@ def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
             last = event.stamp_ns
             yield event
         loss.take(log.loss)
+
+
+def _name_truth(log: Log, name: str) -> None:
+    """Read truth from this topic; what is none may have been meant as a file."""
+    if name not in log.topics() and not name.lstrip("/").startswith("tf:"):
+        have = ", ".join(printable(t) for t in log.topics()) or "none"
+        raise UsageError(
+            f"{log.path}: --truth {printable(name)}: is neither a file nor a topic; the log has {have}{log.damage}"
+        )
+    log.settings = log.settings._replace(topics={**log.settings.topics, "truth": name})
 
 
 def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Event]:

@@ -42,6 +42,8 @@ def summarize(folder: Path, **given: Any) -> int:
     from pfcli.formats import parquet
 
     target = given["out"] or folder / "summary.parquet"
+    if str(target) == "-":
+        raise UsageError("--out -: a Parquet file has to be sought in; --json prints the result")
     numbers = summary.write(folder, target)
     metric = given["metric"] or next((name for name in _USUAL if name in numbers), "")
     if not numbers:

@@ -154,6 +154,7 @@ BAD: dict[str, tuple[dict[str, object], list[str], int, list[str]]] = {
     "bad extrinsic": ({}, ["--extrinsic", "laser=1"], 2, ["--extrinsic", "parent:child"]),
     "bad offset": ({}, ["--time-offset", "scan=soon"], 2, ["--time-offset"]),
     "no truth": ({}, ["--truth", "auto"], 2, ["--truth"]),
+    "truth that is nowhere": ({}, ["--truth", "gone.tum"], 2, ["--truth gone.tum", "neither a file nor a topic", "/odom"]),
     "bad plot": ({}, ["--plot", "map.bmp"], 2, ["--plot"]),
     "encoders absent": ({}, ["--motion", "encoders"], 2, ["wheel encoders"]),
 }
@@ -331,7 +332,7 @@ PARTIAL_MAP = Path(__file__).resolve().parents[2] / "sample_logs/partial-partial
 
 
 def test_a_partial_map_is_localised_in_left_and_entered_again(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
-    words = ["localize-partial", sample("partial"), "--map", PARTIAL_MAP, "--truth", "auto", "--smooth", "--json"]
+    words = ["localize-partial", sample("partial"), "--map", PARTIAL_MAP, "--truth", "auto", "--json"]
     done = pfcli(*words, "--out", tmp_path / "run", "--plot", tmp_path / "run.png")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

@@ -43,14 +43,14 @@ def test_precision_equals_the_sum_over_all_labels() -> None:
 
 def test_a_filter_is_believed_until_it_has_been_wrong() -> None:
     assert track_record.precision(NOTHING, 0.0) == pytest.approx(0.98, abs=1e-3)
-    assert track_record.precision(NOTHING, 3.0) > 0.99
+    assert track_record.precision(NOTHING, 4.0) > 0.99
     assert track_record.precision(track_record.TOLD, 0.0) > 0.9999
     often_carried = _left([30.0] * 20)  # a right place is kept until somebody carries the robot
     assert track_record.precision(often_carried, often_carried.since_m) > 0.97
     never_trusted = _left([1.0] * 20, trust=0.0)
     assert track_record.precision(never_trusted, never_trusted.since_m) > 0.97
     wrong = _left([2.0] * 6)
-    at_once, later, after_all = (track_record.precision(wrong, wrong.since_m + way) for way in (0.0, 3.0, 25.0))
+    at_once, later, after_all = (track_record.precision(wrong, wrong.since_m + way) for way in (0.0, 5.0, 40.0))
     assert at_once < 0.3
     assert at_once < later < after_all
     assert after_all > 0.99
