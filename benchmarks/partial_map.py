@@ -214,15 +214,14 @@ def switches(seeds: int) -> None:
     """What each part does, over the drives of SWITCHED together; smooth: in or out given the whole log."""
     print(_HEAD.format("switch"))
     for params in SWITCHES:
-        params = {"smooth": False} | params
-        scores, ms = [], []
+        given, scores, ms = {"smooth": False} | params, [], []
         for name in SWITCHED:
             for seed in range(seeds):
                 log, map_file = log_of(name, seed)
-                drive = beside_truth(localise(log, map_file, seed, Initial(SCENARIOS[name]), **params), log, map_file)
+                drive = beside_truth(localise(log, map_file, seed, Initial(SCENARIOS[name]), **given), log, map_file)
                 scores.append(judge(drive))
                 ms.append(drive.ms)
-        name = ", ".join(f"{k} = {v}" for k, v in params.items())
+        name = ", ".join(f"{k} = {v}" for k, v in params.items()) or "default, but no smoothing"
         print(_row(name, scores, float(np.median(ms))), flush=True)
 
 

@@ -163,10 +163,11 @@ def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
 
 def _name_truth(log: Log, name: str) -> None:
     """Read truth from this topic; what is none may have been meant as a file."""
-    if name not in log.topics() and not name.lstrip("/").startswith("tf:"):
+    topic = "/tf" if name.lstrip("/").startswith("tf:") else name
+    if topic not in log.topics():
         have = ", ".join(printable(t) for t in log.topics()) or "none"
         raise UsageError(
-            f"{log.path}: --truth {printable(name)}: is neither a file nor a topic; the log has {have}{log.damage}"
+            f"{log.path}: --truth {printable(name)} is neither a file nor a topic; the log has {have}{log.damage}"
         )
     log.settings = log.settings._replace(topics={**log.settings.topics, "truth": name})
 

@@ -154,7 +154,12 @@ BAD: dict[str, tuple[dict[str, object], list[str], int, list[str]]] = {
     "bad extrinsic": ({}, ["--extrinsic", "laser=1"], 2, ["--extrinsic", "parent:child"]),
     "bad offset": ({}, ["--time-offset", "scan=soon"], 2, ["--time-offset"]),
     "no truth": ({}, ["--truth", "auto"], 2, ["--truth"]),
-    "truth that is nowhere": ({}, ["--truth", "gone.tum"], 2, ["--truth gone.tum", "neither a file nor a topic", "/odom"]),
+    "truth that is nowhere": (
+        {},
+        ["--truth", "gone.tum"],
+        2,
+        ["--truth gone.tum", "neither a file nor a topic", "/odom"],
+    ),
     "bad plot": ({}, ["--plot", "map.bmp"], 2, ["--plot"]),
     "encoders absent": ({}, ["--motion", "encoders"], 2, ["wheel encoders"]),
 }
@@ -346,6 +351,8 @@ def test_a_partial_map_is_localised_in_left_and_entered_again(pfcli: Cli, sample
     assert total == pytest.approx([1.0] * len(total))
     assert {"in_map", "in_map_smoothed", "b5_smoothed"} <= set(pq.read_schema(tmp_path / "run/track.parquet").names)
     assert "particle_class" in pq.read_schema(tmp_path / "run/frames.parquet").names
+    assert pfcli(*words, "--no-smooth", "--end", 5, "--out", tmp_path / "short").returncode == 0
+    assert not [n for n in pq.read_schema(tmp_path / "short/track.parquet").names if n.endswith("_smoothed")]
 
 
 def _map_file(folder: Path, cells: np.ndarray, resolution: float = 0.05) -> Path:

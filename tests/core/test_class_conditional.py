@@ -49,6 +49,40 @@ def test_the_likelihood_equals_its_slow_definition(field: cc.Field) -> None:
             assert found.hits[k] == pytest.approx(np.mean(d <= 0.15))
 
 
+@pytest.mark.parametrize("by_rays", [False, True])
+def test_blocks_of_poses_change_nothing(field: cc.Field, by_rays: bool) -> None:
+    """Poses on and off the map, in a block and across its border."""
+    rng = np.random.default_rng(1)
+    scan = cc.scan_of(rng.uniform(-1.5, 1.5, (13, 2)), np.array([0.2, 0.1]))
+    poses = rng.uniform([-2.0, -2.0, -4.0], [8.0, 6.0, 4.0], (2 * cc._BLOCK + 5, 3))
+    poses[:3, 2] = [-1e-12, -1e-18, 2 * np.pi]  # a heading of nearly a whole turn
+    model = MODEL._replace(by_rays=by_rays)
+    whole = cc.fit(poses, scan, field, model)
+    parts = [cc.fit(part, scan, field, model) for part in np.split(poses, [13, cc._BLOCK + 1])]
+    for k in range(4):
+        assert np.concatenate([part[k] for part in parts]).tobytes() == whole[k].tobytes()
+
+
+def test_what_is_no_number_is_off_the_map(field: cc.Field) -> None:
+    """Some drivers write the largest float for 'nothing seen'; in single precision its end point is no number."""
+    rng = np.random.default_rng(2)
+    near = rng.uniform(-0.5, 0.5, (9, 2))
+    far = np.full((1, 2), 2e38)
+    pose = np.array([[2.0, 2.0, 0.3]])
+    fit = cc.fit(pose, cc.scan_of(np.vstack([near, far]), np.zeros(2)), field, MODEL)
+    assert fit.mae_m == pytest.approx(cc.fit(pose, cc.scan_of(near, np.zeros(2)), field, MODEL).mae_m)
+    nowhere = np.array([[np.nan, 1.0, 0.0], [1.0, 1.0, np.nan], [1.0, 1.0, np.inf], [1e300, 1.0, 0.0]])
+    assert np.isnan(cc.fit(nowhere, cc.scan_of(near, np.zeros(2)), field, MODEL).mae_m).all()
+
+
+def test_a_map_without_a_free_coarse_cell_can_be_asked() -> None:
+    cells = np.zeros((40, 40), np.int8)
+    cells[::2] = 1
+    field = cc.build(cells, 0.05, (0.0, 0.0, 0.0), 20.0)
+    fit = cc.fit(np.array([[1.0, 1.0, 0.0]]), cc.scan_of(np.full((3, 2), 0.2), np.zeros(2)), field, MODEL)
+    assert np.isfinite(fit.log_likelihood).all()
+
+
 def test_a_beam_that_would_pass_through_a_wall_is_no_unknown_obstacle(field: cc.Field) -> None:
     pose = np.array([1.5, 2.0, 0.4])
     turn = np.linspace(-0.3, 0.3, 9)

@@ -51,6 +51,18 @@ def test_evidence_equals_its_slow_definition(origin: tuple[float, float, float])
     assert np.abs(fast - slow).max() < 4.2
 
 
+def test_what_is_no_number_is_off_the_map_and_the_top_is_the_highest_value() -> None:
+    cells = np.zeros((40, 40), np.int8)
+    cells[:, 30] = 1
+    field = lf.build(cells, 0.05, (0.0, 0.0, 0.0), MODEL, unknown=False)
+    outside = lf.evidence(np.array([[-50.0, 1.0, 0.0]]), np.zeros((2, 1), np.float32), field)
+    far = lf.evidence(np.array([[1.0, 1.0, 0.3]]), np.full((2, 1), 3e38, np.float32), field)
+    nowhere = lf.evidence(np.array([[np.nan, 1.0, 0.0], [1.0, 1.0, np.nan]]), np.zeros((2, 1), np.float32), field)
+    assert far == outside
+    assert nowhere[0] == outside
+    assert field.top == pytest.approx(field.table.reshape(lf.LEVELS, -1).max(axis=1))
+
+
 def test_a_base_is_subtracted_where_the_map_explains_and_never_turns_an_argument_against_into_one_for() -> None:
     cells = np.zeros((40, 40), np.int8)
     cells[:, 30] = 1

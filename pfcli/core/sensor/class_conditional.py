@@ -97,6 +97,8 @@ def build(
     away[1:-1, 1:-1] = np.minimum(distance_m(cells == 1, resolution_m), OFF_MAP)
     coarse = max(1, round(_COARSE_M / resolution_m))
     table = range_table.build(_coarser(cells, coarse), resolution_m * coarse, origin, _COARSE_BINS, range_m)
+    if table.ranges.shape[0] == 0:  # a row that no cell is served by: kernels may read it
+        table = table._replace(ranges=np.full((1, _COARSE_BINS), UNKNOWN, np.uint16))
     rows, cols = away.shape
     rays = rays_of(cells, resolution_m, origin, range_m)
     return Field(away.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]), table, rays)
@@ -152,6 +154,7 @@ def _through(ranges, first, base, turn_b, range_b, unit_m, low, high, expected, 
         k = np.int32((base[i] + turn_b) * np.float32(bins))
         k = k - bins if k >= bins else k
         k = k - bins if k >= bins else k
+        k = max(k, np.int32(0))  # a heading that is no number
         low[i] = max(first[i], 0) + k
         high[i] = max(first[i], 0) + (k + 1 if k + 1 < bins else 0)
     for i in range(n):
@@ -191,7 +194,8 @@ def _by_field(poses, scan, field, distance, through):  # type: ignore[no-untyped
         px, py = ends[0, b], ends[1, b]
         for i in range(n):
             x, y = gx[i] + c[i] * px - s[i] * py, gy[i] + s[i] * px + c[i] * py
-            at[i] = np.int32(min(max(y, zero), top)) * each + np.int32(min(max(x, zero), right))
+            # written so that what is no number counts as off the map
+            at[i] = np.int32(min(y if y > zero else zero, top)) * each + np.int32(min(x if x > zero else zero, right))
         for i in range(n):
             distance[b, i] = away[np.uint32(at[i])]
         _through(ranges, first, base, turn[b], range_m[b], unit, lower, upper, met, through[b], n)

@@ -93,7 +93,8 @@ def _cells_of(gx, gy, c, s, px, py, rows, cols, each, shift, at, n):  # type: ig
     for i in range(n):
         x = gx[i] + c[i] * px - s[i] * py
         y = gy[i] + s[i] * px + c[i] * py
-        ix, iy = np.int32(min(max(x, zero), cols)), np.int32(min(max(y, zero), rows))
+        # written so that what is no number counts as off the map
+        ix, iy = np.int32(min(x if x > zero else zero, cols)), np.int32(min(y if y > zero else zero, rows))
         at[i] = iy * each + ix + shift
 
 

@@ -78,7 +78,7 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
     n_eff = float(effective_sample_size(weight / held)) if held > 0.0 else 0.0
     error = params.kld_error if params.kld else 0.0
     u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
-    lost = min(_BLIND * params.frontier_samples, params.particles)
+    lost = min(max(params.min_particles, _BLIND * params.frontier_samples), params.particles)
     limits = (params.min_particles, lost, params.particles, params.resample_threshold, error)
     pose, label, weight = kernels.regroup(pose, label, weight, u, *limits, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
     total = weight.sum() + b1

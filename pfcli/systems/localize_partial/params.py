@@ -27,7 +27,14 @@ class Params:
         Opt("blind poses at an unknown start, per free area (two million at the most)", "1/m^2", 0.1, 1e5),
     ] = 1000.0
     frontier_samples: Annotated[
-        int, Opt("fresh candidates at the frontiers per update (N2); corrected: at the most", "", 1, 1_000_000)
+        int,
+        Opt(
+            "fresh candidates at the frontiers per update (N2); corrected: at the most; three times as many are kept"
+            " of an improbable inside",
+            "",
+            1,
+            1_000_000,
+        ),
     ] = 4000
     update_distance_m: Annotated[float, Opt("a scan updates the filter after this way", "m", 0, 100)] = 0.1
     update_angle_rad: Annotated[float, Opt("or after this turn", "rad", 0, 10)] = 0.1
