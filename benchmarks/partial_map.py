@@ -276,10 +276,9 @@ def main(seeds: int = 10, *variants: str) -> None:
             table(range(10, 10 + seeds), "corrected", LONG_OUTSIDE)
         elif variant == "switches":
             switches(seeds)
-        elif variant == "corrected":
-            table(range(seeds), variant, list(SCENARIOS))
         else:
-            table(range(seeds), variant.replace("filtered", "corrected"), list(SCENARIOS), smooth=False)
+            of_system = "paper" if variant == "paper" else "corrected"
+            table(range(seeds), of_system, list(SCENARIOS), smooth=variant == "corrected")
 
 
 if __name__ == "__main__":

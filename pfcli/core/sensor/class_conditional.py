@@ -16,6 +16,7 @@ from pfcli.core.grid.distance import distance_m
 from pfcli.core.grid.raycast import cast
 from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.sensor import range_table
+from pfcli.core.sensor.end_cells import cells_of, look_up, place
 from pfcli.core.sensor.likelihood_field import grid_frame
 from pfcli.core.sensor.range_beams import Rays, rays_of
 from pfcli.core.sensor.range_table import UNKNOWN, RangeTable, row_at
@@ -137,7 +138,7 @@ _STEPS_PER_SIGMA, _TABLE = 64, 64 * 6
 
 
 _BLOCK = 64
-"""Poses that are looked up together, beam by beam: one beam of all of them ends in few cells."""
+"""Poses that are looked up together, beam by beam."""
 
 
 @inline_kernel
@@ -172,13 +173,14 @@ def _by_field(poses, scan, field, distance, through):  # type: ignore[no-untyped
     ranges, row, row_frame, unit_m = expected
     ends, range_m, turn, sensor = scan
     n, bins, unit = poses.shape[0], ranges.shape[1], np.float32(unit_m)
-    scale = np.hypot(frame[0], frame[3])
-    gx, gy, c, s = (np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32))
+    placed = np.empty((4, n), np.float32)
     first, base, at = np.empty(n, np.int64), np.empty(n, np.float32), np.empty(n, np.int32)
     lower, upper, met = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.uint16)
+    place(poses, frame, yaw, placed)
     for i in range(n):
-        x, y, cos, sin = poses[i, 0], poses[i, 1], np.cos(poses[i, 2]), np.sin(poses[i, 2])
-        sx, sy = x + cos * sensor[0] - sin * sensor[1], y + sin * sensor[0] + cos * sensor[1]
+        cos, sin = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        sx = poses[i, 0] + cos * sensor[0] - sin * sensor[1]
+        sy = poses[i, 1] + sin * sensor[0] + cos * sensor[1]
         k = row_at(
             row,
             row_frame[0] * sx + row_frame[1] * sy + row_frame[2],
@@ -187,17 +189,9 @@ def _by_field(poses, scan, field, distance, through):  # type: ignore[no-untyped
         first[i] = k * bins if k >= 0 else -1
         turned = (poses[i, 2] - yaw) / (2.0 * np.pi)
         base[i] = turned - np.floor(turned)
-        gx[i], gy[i] = frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]
-        c[i], s[i] = np.cos(poses[i, 2] - yaw) * scale, np.sin(poses[i, 2] - yaw) * scale
-    zero, right, top, each = np.float32(0.0), np.float32(cols - 1), np.float32(rows - 1), np.int32(cols)
     for b in range(ends.shape[1]):
-        px, py = ends[0, b], ends[1, b]
-        for i in range(n):
-            x, y = gx[i] + c[i] * px - s[i] * py, gy[i] + s[i] * px + c[i] * py
-            # written so that what is no number counts as off the map
-            at[i] = np.int32(min(y if y > zero else zero, top)) * each + np.int32(min(x if x > zero else zero, right))
-        for i in range(n):
-            distance[b, i] = away[np.uint32(at[i])]
+        cells_of(placed, ends[0, b], ends[1, b], (rows, cols), np.int32(0), at, n)
+        look_up(away, at, distance[b], n)
         _through(ranges, first, base, turn[b], range_m[b], unit, lower, upper, met, through[b], n)
 
 

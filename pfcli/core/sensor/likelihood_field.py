@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.grid.distance import distance_m
 from pfcli.core.jit import inline_kernel, kernel
+from pfcli.core.sensor.end_cells import cells_of, look_up, place
 from pfcli.core.threads import rows_of, spread
 
 
@@ -88,23 +89,6 @@ def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) ->
 
 
 @inline_kernel
-def _cells_of(gx, gy, c, s, px, py, rows, cols, each, shift, at, n):  # type: ignore[no-untyped-def]
-    zero = np.float32(0.0)
-    for i in range(n):
-        x = gx[i] + c[i] * px - s[i] * py
-        y = gy[i] + s[i] * px + c[i] * py
-        # written so that what is no number counts as off the map
-        ix, iy = np.int32(min(x if x > zero else zero, cols)), np.int32(min(y if y > zero else zero, rows))
-        at[i] = iy * each + ix + shift
-
-
-@inline_kernel
-def _look_up(table, at, found, n):  # type: ignore[no-untyped-def]
-    for i in range(n):
-        found[i] = table[np.uint32(at[i])]
-
-
-@inline_kernel
 def _add(found, near, far, least, total, n):  # type: ignore[no-untyped-def]
     zero = np.float32(0.0)
     for i in range(n):
@@ -115,22 +99,16 @@ def _add(found, near, far, least, total, n):  # type: ignore[no-untyped-def]
 
 @kernel
 def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, base, least, out):  # type: ignore[no-untyped-def]
-    """Blocks of poses, beam by beam: one beam of all of them ends in few cells, which stay in the nearest cache, and all
-    but the look-up is done for several poses at once, in any order of which each sum is the same."""
-    rows, cols, each = np.float32(shape[0] - 1), np.float32(shape[1] - 1), np.int32(shape[1])
-    scale, at_least = np.sqrt(frame[0] * frame[0] + frame[3] * frame[3]), np.float32(least)
-    gx, gy, at = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.int32)
-    c, s = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    """Blocks of poses, beam by beam (`end_cells`): in any order of the poses each sum is the same."""
+    placed, at, at_least = np.empty((4, _BLOCK), np.float32), np.empty(_BLOCK, np.int32), np.float32(least)
     found, total = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     for first in range(low, high, _BLOCK):
         n = min(_BLOCK, high - first)
-        for i in range(n):
-            x, y, turn = poses[first + i, 0], poses[first + i, 1], poses[first + i, 2] - yaw
-            gx[i], gy[i] = frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]
-            c[i], s[i], total[i] = np.cos(turn) * scale, np.sin(turn) * scale, 0.0
+        place(poses[first : first + n], frame, yaw, placed)
+        total[:n] = 0.0
         for b in range(points.shape[1]):
-            _cells_of(gx, gy, c, s, points[0, b], points[1, b], rows, cols, each, shift[b], at, n)
-            _look_up(table, at, found, n)
+            cells_of(placed, points[0, b], points[1, b], shape, shift[b], at, n)
+            look_up(table, at, found, n)
             _add(found, base[0, b], base[1, b], at_least, total, n)
         for i in range(n):
             out[first + i] = total[i]
