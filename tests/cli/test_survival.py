@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfcli.core.jit import cache_root
 from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats.log_writer import LogWriter
 
@@ -39,7 +40,7 @@ def _commands(sample: Sample, folder: Path) -> dict[str, tuple[list[object], Pat
     folder.mkdir(exist_ok=True)
     log = _carmen(folder / "a.log", 3000)
     grid = sample("four-rooms").with_suffix(".yaml")
-    cache = Path(os.environ.get("PFCLI_CACHE_DIR", folder)) / "range-tables"
+    cache = cache_root() / "range-tables"
     return {
         "slam-gdr": (["slam-gdr", sample("small-loop"), "--end", "40", "--out", folder / "o"], folder / "o"),
         "convert": (["convert", log, folder / "a.mcap"], folder / "a.mcap"),
