@@ -7,6 +7,7 @@ import pytest
 
 from pfcli.core.geometry import compose
 from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid.normals import scan_normals
 from pfcli.core.grid.scan_points import beams_of, points_of
 from pfcli.simulate.laser import cast
 
@@ -115,7 +116,7 @@ def test_along_a_corridor_the_odometry_decides() -> None:
 def test_normals_are_across_the_walls() -> None:
     ranges = _scan(np.array([4.0, 2.5, 0.0]), np.random.default_rng(0), 0.0)
     points = _points(ranges).ends
-    normals = scan_match.surface_normals(points, 0.15, 0.1, 0.3)
+    normals = scan_normals(points, 0.3)
     on_wall = np.abs(points[:, 1] + 2.5) < 1e-6
     assert normals[on_wall][:, 2].mean() > 0.9
     clear = on_wall & (normals[:, 2] > 0) & (np.abs(points[:, 0]) > 0.3)
@@ -126,7 +127,7 @@ def test_normals_are_across_the_walls() -> None:
 def test_a_wide_beam_says_little_of_a_wall_seen_at_grazing_incidence() -> None:
     bearings = np.radians(np.array([80.0, 79.0, 78.0, 12.0, 11.9, 11.8]))
     points = np.stack([1.0 / np.tan(bearings), np.ones(6)], 1)
-    normals = scan_match.surface_normals(points, 0.15, 0.1, 0.01 / 0.03)
+    normals = scan_normals(points, 0.01 / 0.03)
     assert normals[:, 2].all()
     assert normals[1, 3] == pytest.approx(1 / (1 + (0.01 / 0.03 / np.tan(bearings[1])) ** 2))
     assert normals[4, 3] == pytest.approx(1 / (1 + (0.01 / 0.03 / np.tan(bearings[4])) ** 2))
@@ -138,7 +139,7 @@ def test_log_likelihood_equals_its_five_line_definition(room: tiles.Tiles) -> No
     rng = np.random.default_rng(4)
     pose = np.array([4.1, 2.4, 0.3])
     points = _points(_scan(pose, rng)).ends
-    normals = scan_match.surface_normals(points, 0.15, 0.1, 0.3)
+    normals = scan_normals(points, 0.3)
     total = 0.0
     for (px, py), (nx, ny, line, weight) in zip(points, normals, strict=True):
         c, s = np.cos(pose[2]), np.sin(pose[2])

@@ -1,8 +1,8 @@
 """Scan matching against each particle's own map: Gauss-Newton on point-to-line residuals with a motion prior.
 
-The normals come from the scan, once for all particles; the surface points are the mean end points of occupied
-cells, so the match is not quantised by the grid. A correlative search stands in front where the refinement fails
-(wheel slip, a pushed robot).
+The normals come from the scan, once for all particles, or where it tells none and it is asked for, from the map; the
+surface points are the mean end points of occupied cells, so the match is not quantised by the grid. A correlative
+search stands in front where the refinement fails (wheel slip, a pushed robot).
 """
 
 import functools
@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.geometry import cholesky3, solve3, wrap
+from pfcli.core.grid.normals import map_normal, scan_normals
 from pfcli.core.grid.tiles import BITS, REACH, SIDE, Tiles, nearest_surface, squared_distance
 from pfcli.core.jit import inline_kernel, kernel, put, reduction_kernel
 from pfcli.core.threads import spread
 
-NORMAL_REACH_M, NORMAL_GAP = 0.15, 0.1
 _SLIPPED = 2.0
 """A pose counts as slipped where the uniform part is half of the motion prior or more."""
 _ASK = 8
@@ -34,7 +34,8 @@ class Matcher(NamedTuple):
     z_rand: floor of a beam's likelihood; z_unknown: likelihood of a beam that ends in unknown cells;
     iterations: at most, in both stages together; coarse_xy_m, coarse_yaw_rad: half widths of the coarse search;
     slip: probability that the odometry says nothing; beam_width_rad: spot of a beam, which blurs a surface seen at
-    grazing incidence.
+    grazing incidence; map_normals: end points without a normal of their own take that of the map; alone: their weight where
+    the map has no surface around the nearest one.
     """
 
     sigma_m: float = 0.03
@@ -48,6 +49,8 @@ class Matcher(NamedTuple):
     coarse_yaw_rad: float = 0.35
     slip: float = 1e-4
     beam_width_rad: float = 0.01
+    map_normals: bool = False
+    alone: float = 0.1
 
 
 class Match(NamedTuple):
@@ -63,52 +66,14 @@ class Match(NamedTuple):
 
 
 @kernel
-def surface_normals(points, reach_m, max_gap, blur):  # type: ignore[no-untyped-def]
-    """Unit normals of the surface at each end point, from a line fitted to its neighbours in the scan.
-
-    points: (b, 2) in beam order (m). Neighbours count while they are within `reach_m` of the point (or are its
-    direct neighbours) and no step between two of them exceeds `max_gap` times the point's range (a depth edge).
-    Returns (b, 4): normal, 1 (or 0 where no line is certain), and the weight 1 / (1 + (blur r sin i)^2): what a beam of
-    some width says of a surface at incidence i falls off with range r (blur: width in rad over sigma in m).
-    """
-    n = points.shape[0]
-    out = np.zeros((n, 4))
-    for b in range(n):
-        x0, y0 = points[b]
-        reach2 = x0 * x0 + y0 * y0
-        edge2, wide2 = max(0.01, max_gap * max_gap * reach2), reach_m * reach_m
-        out[b, 3] = 1.0
-        count, sx, sy, sxx, sxy, syy = 1, 0.0, 0.0, 0.0, 0.0, 0.0
-        for side in (-1, 1):
-            k, px, py = b + side, x0, y0
-            while 0 <= k < n and abs(k - b) <= 12:
-                dx, dy, gx, gy = points[k, 0] - x0, points[k, 1] - y0, points[k, 0] - px, points[k, 1] - py
-                if gx * gx + gy * gy > edge2 or (abs(k - b) > 1 and dx * dx + dy * dy > wide2):
-                    break
-                count += 1
-                sx += dx
-                sy += dy
-                sxx += dx * dx
-                sxy += dx * dy
-                syy += dy * dy
-                px, py = points[k]
-                k += side
-        if count < 3:
-            continue
-        mx, my = sx / count, sy / count
-        cxx, cxy, cyy = sxx / count - mx * mx, sxy / count - mx * my, syy / count - my * my
-        half, root = (cxx + cyy) / 2, np.hypot((cxx - cyy) / 2, cxy)
-        if half + root <= 0.0 or (half - root) > 0.1 * (half + root):
-            continue
-        angle = 0.5 * np.arctan2(2 * cxy, cxx - cyy)
-        out[b, 0], out[b, 1], out[b, 2] = -np.sin(angle), np.cos(angle), 1.0
-        across = out[b, 0] * x0 + out[b, 1] * y0
-        out[b, 3] = 1.0 / (1.0 + blur * blur * max(0.0, reach2 - across * across))
-    return out
+def _line_in_map(tiles, i, mx, my, alone):  # type: ignore[no-untyped-def]
+    """What `_correspond` wants of an end point whose normal the map tells: normal, whether it is certain, weight."""
+    nx, ny, around = map_normal(tiles, i, mx, my)
+    return nx, ny, 1.0 if around > 1 else 0.0, 1.0 if around > 0 else alone
 
 
 @kernel
-def _correspond(tiles, i, pose, points, normals, stride, work):  # type: ignore[no-untyped-def]
+def _correspond(tiles, i, pose, points, normals, stride, m, work):  # type: ignore[no-untyped-def]
     """Look up the surface point of every stride-th end point.
 
     work: (9, b), filled with error x, y; lever x, y; normal x, y; whether the normal is certain; weight. Returns (pairs,
@@ -131,6 +96,8 @@ def _correspond(tiles, i, pose, points, normals, stride, work):  # type: ignore[
         work[4, count] = cos * normals[b, 0] - sin * normals[b, 1]
         work[5, count] = sin * normals[b, 0] + cos * normals[b, 1]
         work[6, count], work[7, count] = normals[b, 2], normals[b, 3]
+        if m.map_normals and normals[b, 2] == 0.0:
+            work[4, count], work[5, count], work[6, count], work[7, count] = _line_in_map(tiles, i, mx, my, m.alone)
         count += 1
     return count, known
 
@@ -168,7 +135,7 @@ def _accumulate(work, count, scale_m, sigma_m, tangent, sums):  # type: ignore[n
 @kernel
 def _linearise(tiles, i, pose, points, normals, stride, scale_m, m, work, hessian, gradient):  # type: ignore[no-untyped-def]
     """Normal equations at `pose`, scaled to information; returns the inlier share (-1 where all is unknown)."""
-    count, known = _correspond(tiles, i, pose, points, normals, stride, work)
+    count, known = _correspond(tiles, i, pose, points, normals, stride, m, work)
     sums = work[8]
     _accumulate(work, count, scale_m, m.sigma_m, m.tangent, sums)
     s = stride * m.gain / (m.sigma_m * m.sigma_m)
@@ -201,13 +168,31 @@ def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type
         ex, ey = (mx + ox) * cell_m - wx, (my + oy) * cell_m - wy
         nx = cos * normals[b, 0] - sin * normals[b, 1]
         ny = sin * normals[b, 0] + cos * normals[b, 1]
-        along = m.tangent
+        along, weight = m.tangent, normals[b, 3]
         if normals[b, 2] == 0.0:
             nx, ny, along = 1.0, 0.0, 1.0
+            if m.map_normals:
+                nx, ny, line, weight = _line_in_map(tiles, i, mx, my, m.alone)
+                along = m.tangent if line > 0.0 else 1.0
         en, et = nx * ex + ny * ey, -ny * ex + nx * ey
-        q = (en * en + along * et * et) * half_precision * normals[b, 3]
+        q = (en * en + along * et * et) * half_precision * weight
         product *= (1.0 - m.z_rand) * np.exp(-q) + m.z_rand
     return m.gain * stride * (total + np.log(product))
+
+
+@kernel
+def known_share(tiles, i, pose, points):  # type: ignore[no-untyped-def]
+    """Share of the end points (b, 2) that lie on known map of particle i at `pose` (3,)."""
+    per_cell = 1.0 / tiles.resolution_m
+    ox, oy = tiles.corner[0] * SIDE, tiles.corner[1] * SIDE
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    known = 0
+    for b in range(points.shape[0]):
+        wx = pose[0] + cos * points[b, 0] - sin * points[b, 1]
+        wy = pose[1] + sin * points[b, 0] + cos * points[b, 1]
+        state, _, _ = nearest_surface(tiles, i, wx * per_cell - ox, wy * per_cell - oy)
+        known += state > 0
+    return known / points.shape[0]
 
 
 @inline_kernel
@@ -417,7 +402,7 @@ def match(
     second starts in the frames of the first, all zero for none; points: (b, 2) end points in the base frame.
     """
     n = priors.shape[0]
-    normals = surface_normals(points, NORMAL_REACH_M, NORMAL_GAP, m.beam_width_rad / m.sigma_m)
+    normals = scan_normals(points, m.beam_width_rad / m.sigma_m)
     poses, hessians, out = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 4))
     spread(_match_rows, n, tiles, priors, information, corrections, points, normals, m, poses, hessians, out)
     return Match(poses, hessians, out[:, 0], out[:, 1], out[:, 2], out[:, 3])

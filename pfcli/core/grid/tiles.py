@@ -24,7 +24,7 @@ OFF_X, OFF_Y, MEAN_X, MEAN_Y = range(4)
 REACH = 8
 """Cells up to which the nearest occupied cell is known (0.4 m at 0.05 m)."""
 _SATURATED = 254
-_STEP = 1.0 / 254.0
+STEP = 1.0 / 254.0
 _ONE = 4294967296.0
 
 
@@ -108,6 +108,16 @@ def _grown(array: NDArray[Any], capacity: int) -> NDArray[Any]:
     if array.ndim == 1:
         out[array.shape[0] :] = 0
     return out
+
+
+def draw(tiles: Tiles, poses: NDArray[np.float64], chosen: NDArray[np.bool_], beams: "Beams") -> Tiles:
+    """Draw a scan into the maps of the chosen particles (n,) at their poses (n, 3), base frame in the map frame (m, rad)."""
+    reach = np.hypot(beams.ends[:, 0], beams.ends[:, 1]).max() + REACH * tiles.resolution_m
+    reach = max(reach, float(np.hypot(*beams.origin))) + tiles.resolution_m
+    tiles = cover(tiles, poses[:, :2].min(axis=0) - reach, poses[:, :2].max(axis=0) + reach)
+    tiles = own(tiles, touch(tiles, poses, beams))
+    insert(tiles, poses, chosen, beams)
+    return tiles
 
 
 def resample(tiles: Tiles, ancestors: NDArray[np.int64]) -> Tiles:
@@ -215,7 +225,7 @@ def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
     sx = tiles.surface[tile, there, MEAN_X]
     if sx == FREE:
         return 1, 0.0, 0.0
-    return 2, jx + sx * _STEP, jy + tiles.surface[tile, there, MEAN_Y] * _STEP
+    return 2, jx + sx * STEP, jy + tiles.surface[tile, there, MEAN_Y] * STEP
 
 
 @inline_kernel

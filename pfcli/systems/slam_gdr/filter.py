@@ -4,12 +4,12 @@ One update, in the paper's order (section 2.2): predict by odometry, match the s
 sample the improved proposal, weigh, resample with dispersal, draw the scan into the maps at the dispersed poses.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import compose
+from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_match, tiles
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
@@ -21,7 +21,8 @@ from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.gdr_resampling import ancestors_of, dispersed
 from pfcli.systems.pace import noise_of, step_since
-from pfcli.systems.result import Result
+from pfcli.systems.result import Frame, Result
+from pfcli.systems.slam_gdr import smooth
 from pfcli.systems.slam_gdr.history import History
 from pfcli.systems.slam_gdr.kernels import covariance, sample_proposal
 from pfcli.systems.slam_gdr.params import Params
@@ -55,7 +56,7 @@ class Info(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3); log_w since the last resampling; score: log weight summed along the ancestry; odometry (1, 3) of
-    the last update; the particles' maps."""
+    the last update; the particles' maps; log: what smoothing wants, empty without it."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -65,6 +66,7 @@ class State(NamedTuple):
     history: History
     frames: FrameKeeper
     resamplings: int
+    log: smooth.Log
 
 
 def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
@@ -79,6 +81,7 @@ def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
         History(),
         FrameKeeper(),
         0,
+        smooth.Log(),
     )
 
 
@@ -131,7 +134,10 @@ def _update(
             state = _resample(state, ancestors, weights, params, draw, sweep.stamp_ns)
             spread = float(np.sqrt(((state.pose - before)[:, :2] ** 2).sum(axis=1).mean()))
     fits = np.ones(n, bool) if match is None else (match.inliers < 0) | (match.inliers >= params.draw_inliers)
-    state = _insert(state, points, sweep.scan.mount, fits[ancestors])
+    beams = beams_of(points, sweep.scan.mount)
+    if params.smooth:
+        state.log.add(beams, moved)
+    state = state._replace(maps=tiles.draw(state.maps, state.pose, fits[ancestors], beams))
     state = state._replace(resamplings=state.resamplings + resampled)
     spread_of = covariance(state.pose)
     state.history.update(state.pose, ancestors, spread_of)
@@ -158,19 +164,11 @@ def _update(
 
 def _match(state: State, moved: NDArray[np.float64], points: Points, params: Params) -> scan_match.Match:
     """Predict by odometry, look around with the leading particle, refine every particle (sections 2.2, 1 and 2)."""
-    noise = noise_of(params)
-    matcher = scan_match.Matcher(
-        sigma_m=params.sigma_hit_m,
-        wide_m=params.match_width_m,
-        gain=params.beam_gain,
-        coarse_xy_m=params.coarse_xy_m,
-        coarse_yaw_rad=float(np.radians(params.coarse_yaw_deg)),
-        beam_width_rad=float(np.radians(params.beam_width_deg)),
-    )
+    noise, matcher = noise_of(params), _matcher(params)
     predicted = compose(state.pose, moved.reshape(1, 3))
     prior = information(moved, noise)
     thinned = points.ends[:: max(1, points.ends.shape[0] // _COARSE_BEAMS)].copy()
-    near = scan_match.Window(params.coarse_xy_m, matcher.coarse_yaw_rad, *_COARSE_STEPS)
+    near = _near(params)
     lead = int(np.argmax(state.score))
     corrections = np.tile(
         scan_match.coarse(state.maps, lead, predicted[lead], thinned, near, _COARSE_GAIN), (params.particles, 1)
@@ -186,6 +184,21 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
     return scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
 
 
+def _matcher(params: Params) -> scan_match.Matcher:
+    return scan_match.Matcher(
+        sigma_m=params.sigma_hit_m,
+        wide_m=params.match_width_m,
+        gain=params.beam_gain,
+        coarse_xy_m=params.coarse_xy_m,
+        coarse_yaw_rad=float(np.radians(params.coarse_yaw_deg)),
+        beam_width_rad=float(np.radians(params.beam_width_deg)),
+    )
+
+
+def _near(params: Params) -> scan_match.Window:
+    return scan_match.Window(params.coarse_xy_m, float(np.radians(params.coarse_yaw_deg)), *_COARSE_STEPS)
+
+
 def _resample(
     state: State, ancestors: NDArray[np.int64], weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int
 ) -> State:
@@ -197,30 +210,52 @@ def _resample(
     )
 
 
-def _insert(state: State, points: Points, mount: Pose2, fits: NDArray[np.bool_]) -> State:
-    """Draw the scan at the dispersed poses (section 2.2, step 6); one that contradicts a particle's map is left out of it."""
-    beams = beams_of(points, mount)
-    reach = np.hypot(beams.ends[:, 0], beams.ends[:, 1]).max() + tiles.REACH * state.maps.resolution_m
-    reach = max(reach, float(np.hypot(*beams.origin))) + state.maps.resolution_m
-    maps = tiles.cover(state.maps, state.pose[:, :2].min(axis=0) - reach, state.pose[:, :2].max(axis=0) + reach)
-    maps = tiles.own(maps, tiles.touch(maps, state.pose, beams))
-    tiles.insert(maps, state.pose, fits, beams)
-    return state._replace(maps=maps)
-
-
 def finish(state: State, assets: None, params: Params) -> Result:
     """Track and map of the best particle: the one with the largest log weight summed along its ancestry."""
     history = state.history
     best = int(np.argmax(state.score))
-    track = history.track(best)
-    summary = {
+    path, covariance, grid, frames = history.path(best), history.covariance(), None, state.frames.frames()
+    summary: dict[str, Any] = {
         "updates": history.updates,
         "resamplings": state.resamplings,
         "updates_shared_by_all": history.shared(),
         "tiles": tiles.used(state.maps),
         "map_mib": round(tiles.used(state.maps) * tiles.CELLS * 16 / 2**20, 1),
+        "smoothed": params.smooth,
     }
-    return Result(track, grid_of(state.maps, best), state.frames.frames(), summary)
+    if params.smooth:
+        found = smooth.smooth(state.log, path, _setup(params))
+        frames = _moved(frames, history.update_stamps(), path, found.path.poses)
+        path, covariance = found.path.poses, found.path.covariance
+        grid = grid_of(smooth.drawn(state.log, path, params.resolution_m), 0)
+        summary |= {"closures": found.closures, "closures_used": found.used}
+        if found.calibration is not None:
+            errors = found.calibration._asdict()
+            summary |= {f"odometry_{k}": round(errors[k], 4) for k in ("way", "drift", "turn_per_m", "turn")}
+    return Result(history.track(path, covariance), grid or grid_of(state.maps, best), frames, summary)
+
+
+def _setup(params: Params) -> smooth.Setup:
+    return smooth.Setup(
+        _matcher(params),
+        _near(params),
+        _COARSE_GAIN,
+        _COARSE_BEAMS,
+        noise_of(params),
+        params.resolution_m,
+        params.draw_inliers,
+    )
+
+
+def _moved(
+    frames: list[Frame], stamps_ns: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]
+) -> list[Frame]:
+    """Frames that were kept on the way, moved as the poses of their updates were: `before` to `after` (m, 3)."""
+    out = []
+    for frame, k in zip(frames, np.searchsorted(stamps_ns, [f.stamp_ns for f in frames]).tolist(), strict=True):
+        to = [compose(after[k : k + 1], between(before[k : k + 1], p)) for p in (frame.pose[None], frame.particles)]
+        out.append(frame._replace(pose=to[0][0], particles=to[1]))
+    return out
 
 
 def grid_of(maps: tiles.Tiles, particle: int) -> GridMap:

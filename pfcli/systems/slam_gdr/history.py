@@ -71,12 +71,22 @@ class History:
             return 0  # of one particle nobody else has a past
         return len(self._settled) + (int(coalesced(np.array(self._parents))) if self._parents else 0)
 
-    def track(self, best: int) -> Track:
-        """Poses of all scans since the first update, as the particle `best` of the end remembers them."""
-        updates, odometry = self._scan_of_update.array(), self._odometry.array()
+    def path(self, best: int) -> NDArray[np.float64]:
+        """Poses (m, 3) of all updates, as the particle `best` of the end remembers them."""
         recent = self._line(np.array(self._parents), best) if self._parents else np.empty((0, 3))
-        chosen = np.concatenate([self._settled.array(), recent])
-        covariance = self._covariance.array()
+        return np.concatenate([self._settled.array(), recent])
+
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariances (m, 3, 3) of the particles at all updates."""
+        return self._covariance.array()
+
+    def update_stamps(self) -> NDArray[np.int64]:
+        """Stamps (m,) of all updates, ns."""
+        return np.asarray(self._stamps_ns.array()[self._scan_of_update.array()])
+
+    def track(self, chosen: NDArray[np.float64], covariance: NDArray[np.float64]) -> Track:
+        """Poses of all scans since the first update, given those of the updates (m, 3) and their covariances (m, 3, 3)."""
+        updates, odometry = self._scan_of_update.array(), self._odometry.array()
         poses = np.empty((len(odometry), 3))
         spread = np.empty((len(odometry), 3, 3))
         for j, start in enumerate(updates):

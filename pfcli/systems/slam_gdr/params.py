@@ -71,3 +71,6 @@ class Params:
     motion_yaw_per_rad: YawPerRad = 0.2
     motion_yaw_per_m_rad: YawPerM = 0.05
     motion_yaw_rad: SomeYawOfAnyStep = 0.02
+    smooth: Annotated[
+        bool, Opt("track and map as the whole log knows them: relaxed over all places that were come back to")
+    ] = False

@@ -1,0 +1,116 @@
+"""A path that agrees best with what poses say of each other: sparse least squares on SE(2).
+
+Lu and Milios 1997; Grisetti 2010 (tutorial on graph-based SLAM). What is doubtful counts by Geman-McClure weights, so that a
+wrong closure is outvoted. Covariances from draws that perturb every measurement and solve again (Papandreou 2010).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from pfcli.core.geometry import wrap
+
+_ITERATIONS, _ENOUGH = 40, 1e-4
+_DOUBT = 9.0
+"""Squared Mahalanobis distance at which a doubtful edge counts a quarter."""
+
+
+class Edges(NamedTuple):
+    """Pose second (e,) as seen from pose first (e,), measured (e, 3) m, m, rad, with information (e, 3, 3)."""
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    measured: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+class Relaxed(NamedTuple):
+    """poses (t, 3); covariance (t, 3, 3) in the frame of the first pose, which stays; weights (d,) of the
+    doubtful edges, 0 .. 1."""
+
+    poses: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+
+class _Linear(NamedTuple):
+    """residual (e, 3), its derivatives by the two poses (e, 3, 3), and the weighted information (e, 3, 3)."""
+
+    residual: NDArray[np.float64]
+    by_first: NDArray[np.float64]
+    by_second: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+def relax(
+    poses: NDArray[np.float64], sure: Edges, doubtful: Edges, rng: np.random.Generator | None = None, draws: int = 0
+) -> Relaxed:
+    """Gauss-Newton from `poses` (t, 3); every pose hangs on the first by `sure` edges. draws: how many tell the covariance."""
+    edges = Edges(*(np.concatenate(pair) for pair in zip(sure, doubtful, strict=True)))
+    known, poses = sure.first.size, poses.copy()
+    for _ in range(_ITERATIONS):
+        linear, weights = _linearise(poses, edges, known)
+        step = _factor(linear, edges, poses.shape[0]).solve(-_gradient(linear, edges, linear.residual, poses.shape[0]))
+        poses[1:] += step.reshape(-1, 3)
+        poses[:, 2] = wrap(poses[:, 2])
+        if np.abs(step).max() < _ENOUGH:
+            break
+    covariance = np.zeros((poses.shape[0], 3, 3))
+    linear, weights = _linearise(poses, edges, known)
+    if rng is not None and draws:
+        factor = _factor(linear, edges, poses.shape[0])
+        low = np.linalg.cholesky(linear.information)
+        for _ in range(draws):
+            # information x noise of that information: L z
+            noise = np.einsum("eij,ej->ei", low, rng.standard_normal(linear.residual.shape))
+            off = factor.solve(_pulled(linear, edges, noise, poses.shape[0])).reshape(-1, 3)
+            covariance[1:] += np.einsum("ta,tb->tab", off, off) / draws
+    return Relaxed(poses, covariance, weights[known:])
+
+
+def _linearise(poses: NDArray[np.float64], edges: Edges, known: int) -> tuple[_Linear, NDArray[np.float64]]:
+    """Residuals and derivatives at `poses`; the first `known` edges count in full."""
+    p, q = poses[edges.first], poses[edges.second]
+    cos, sin, dx, dy = np.cos(p[:, 2]), np.sin(p[:, 2]), q[:, 0] - p[:, 0], q[:, 1] - p[:, 1]
+    seen = np.stack([cos * dx + sin * dy, -sin * dx + cos * dy, q[:, 2] - p[:, 2]], axis=1)
+    residual = seen - edges.measured
+    residual[:, 2] = wrap(residual[:, 2])
+    first, second = np.zeros((2, p.shape[0], 3, 3))
+    second[:, 0, 0], second[:, 0, 1], second[:, 1, 0], second[:, 1, 1], second[:, 2, 2] = cos, sin, -sin, cos, 1.0
+    first[:] = -second
+    first[:, 0, 2], first[:, 1, 2] = seen[:, 1], -seen[:, 0]
+    square = np.einsum("ei,eij,ej->e", residual, edges.information, residual)
+    weights = 1.0 / (1.0 + square / _DOUBT) ** 2
+    weights[:known] = 1.0
+    return _Linear(residual, first, second, edges.information * weights[:, None, None]), weights
+
+
+def _gradient(linear: _Linear, edges: Edges, residual: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    return _pulled(linear, edges, np.einsum("eij,ej->ei", linear.information, residual), n)
+
+
+def _pulled(linear: _Linear, edges: Edges, force: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Forces (e, 3) on edges as forces on all poses but the first, flat."""
+    out = np.zeros((n, 3))
+    np.add.at(out, edges.first, np.einsum("eji,ej->ei", linear.by_first, force))
+    np.add.at(out, edges.second, np.einsum("eji,ej->ei", linear.by_second, force))
+    return out[1:].ravel()
+
+
+def _factor(linear: _Linear, edges: Edges, n: int) -> SuperLU:
+    """The normal equations without the first pose, factorised."""
+    rows, columns, values = [], [], []
+    three = np.arange(3)
+    sides = ((edges.first, linear.by_first), (edges.second, linear.by_second))
+    for at, left in sides:
+        for to, right in sides:
+            block = np.einsum("eki,ekl,elj->eij", left, linear.information, right)
+            rows.append(np.broadcast_to((3 * at[:, None] + three)[:, :, None], block.shape).ravel())
+            columns.append(np.broadcast_to((3 * to[:, None] + three)[:, None, :], block.shape).ravel())
+            values.append(block.ravel())
+    where = (np.concatenate(rows), np.concatenate(columns))
+    whole = sparse.csc_matrix((np.concatenate(values), where), shape=(3 * n, 3 * n))
+    return splu(whole[3:, 3:].tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
