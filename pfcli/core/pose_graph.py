@@ -1,7 +1,8 @@
 """A path that agrees best with what poses say of each other: sparse least squares on SE(2).
 
-Lu and Milios 1997; Grisetti 2010 (tutorial on graph-based SLAM). What is doubtful counts by Geman-McClure weights, so that a
-wrong closure is outvoted. Covariances from draws that perturb every measurement and solve again (Papandreou 2010).
+Lu and Milios 1997; Grisetti 2010 (tutorial on graph-based SLAM). Edges count by Geman-McClure weights, so that a
+wrong closure is outvoted; they start flat and become narrow (Yang 2020, graduated non-convexity), so that a right one that is
+far off at first is not. Covariances from draws that perturb every measurement and solve again (Papandreou 2010).
 """
 
 from typing import NamedTuple
@@ -14,8 +15,11 @@ from scipy.sparse.linalg import SuperLU, splu
 from pfcli.core.geometry import wrap
 
 _ITERATIONS, _ENOUGH = 40, 1e-4
-_DOUBT = 9.0
-"""Squared Mahalanobis distance at which a doubtful edge counts a quarter."""
+_DOUBT, _BREAKS = 9.0, 36.0
+"""Squared Mahalanobis distance at which a doubtful edge counts a quarter, and one of the chain: a slip breaks it, where several
+closures agree that it does."""
+_NARROWER = 4.0
+"""That distance starts where all edges count, and is divided by this in each iteration."""
 
 
 class Edges(NamedTuple):
@@ -28,12 +32,26 @@ class Edges(NamedTuple):
 
 
 class Relaxed(NamedTuple):
-    """poses (t, 3); covariance (t, 3, 3) in the frame of the first pose, which stays; weights (d,) of the
-    doubtful edges, 0 .. 1."""
+    """poses (t, 3); draws (n, t, 3), how far off they may be, the first staying where it is; weights (d,) of the doubtful
+    edges, 0 .. 1."""
 
     poses: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    draws: NDArray[np.float64]
     weights: NDArray[np.float64]
+
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariances (t, 3, 3) of the poses, seen from the first."""
+        return np.asarray(np.einsum("nta,ntb->tab", self.draws, self.draws) / max(1, self.draws.shape[0]))
+
+    def relative_sd(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(p, 2): standard deviations of position (m, a coordinate) and heading (rad) of poses second (p,) seen from first."""
+        cos, sin = np.cos(self.poses[first, 2]), np.sin(self.poses[first, 2])
+        dx, dy = (self.poses[second] - self.poses[first])[:, :2].T
+        off = self.draws[:, second] - self.draws[:, first]
+        turned = self.draws[:, first, 2]  # swings what is seen from there
+        x, y = off[..., 0] + turned * dy, off[..., 1] - turned * dx
+        x, y = cos * x + sin * y, cos * y - sin * x
+        return np.stack([np.sqrt((x * x + y * y).mean(axis=0) / 2), np.sqrt((off[..., 2] ** 2).mean(axis=0))], axis=1)
 
 
 class _Linear(NamedTuple):
@@ -46,33 +64,41 @@ class _Linear(NamedTuple):
 
 
 def relax(
-    poses: NDArray[np.float64], sure: Edges, doubtful: Edges, rng: np.random.Generator | None = None, draws: int = 0
+    poses: NDArray[np.float64], chain: Edges, doubtful: Edges, rng: np.random.Generator | None = None, draws: int = 0
 ) -> Relaxed:
-    """Gauss-Newton from `poses` (t, 3); every pose hangs on the first by `sure` edges. draws: how many tell the covariance."""
-    edges = Edges(*(np.concatenate(pair) for pair in zip(sure, doubtful, strict=True)))
-    known, poses = sure.first.size, poses.copy()
+    """Gauss-Newton from `poses` (t, 3); every pose hangs on the first by edges of the `chain`.
+
+    draws: how many to make, from `rng`.
+    """
+    edges = Edges(*(np.concatenate(pair) for pair in zip(chain, doubtful, strict=True)))
+    known, poses, scale = chain.first.size, poses.copy(), np.inf
+    off = np.zeros((draws, poses.shape[0], 3))
+    if poses.shape[0] < 2:
+        return Relaxed(poses, off, np.ones(doubtful.first.size))
     for _ in range(_ITERATIONS):
-        linear, weights = _linearise(poses, edges, known)
+        linear, weights, farthest = _linearise(poses, edges, known, scale)
         step = _factor(linear, edges, poses.shape[0]).solve(-_gradient(linear, edges, linear.residual, poses.shape[0]))
         poses[1:] += step.reshape(-1, 3)
         poses[:, 2] = wrap(poses[:, 2])
-        if np.abs(step).max() < _ENOUGH:
+        if scale == 1.0 and np.abs(step).max() < _ENOUGH:
             break
-    covariance = np.zeros((poses.shape[0], 3, 3))
-    linear, weights = _linearise(poses, edges, known)
+        scale = max(1.0, min(scale, 4.0 * farthest / _DOUBT) / _NARROWER)
+    linear, weights, _ = _linearise(poses, edges, known, 1.0)
     if rng is not None and draws:
         factor = _factor(linear, edges, poses.shape[0])
         low = np.linalg.cholesky(linear.information)
-        for _ in range(draws):
+        for one in off:
             # information x noise of that information: L z
             noise = np.einsum("eij,ej->ei", low, rng.standard_normal(linear.residual.shape))
-            off = factor.solve(_pulled(linear, edges, noise, poses.shape[0])).reshape(-1, 3)
-            covariance[1:] += np.einsum("ta,tb->tab", off, off) / draws
-    return Relaxed(poses, covariance, weights[known:])
+            one[1:] = factor.solve(_pulled(linear, edges, noise, poses.shape[0])).reshape(-1, 3)
+    return Relaxed(poses, off, weights[known:])
 
 
-def _linearise(poses: NDArray[np.float64], edges: Edges, known: int) -> tuple[_Linear, NDArray[np.float64]]:
-    """Residuals and derivatives at `poses`; the first `known` edges count in full."""
+def _linearise(
+    poses: NDArray[np.float64], edges: Edges, known: int, scale: float
+) -> tuple[_Linear, NDArray[np.float64], float]:
+    """Residuals and derivatives at `poses`, weights (e,), and the largest square of a doubtful residual, all but the first
+    `known`. scale: of the squares at which edges count a quarter."""
     p, q = poses[edges.first], poses[edges.second]
     cos, sin, dx, dy = np.cos(p[:, 2]), np.sin(p[:, 2]), q[:, 0] - p[:, 0], q[:, 1] - p[:, 1]
     seen = np.stack([cos * dx + sin * dy, -sin * dx + cos * dy, q[:, 2] - p[:, 2]], axis=1)
@@ -83,9 +109,13 @@ def _linearise(poses: NDArray[np.float64], edges: Edges, known: int) -> tuple[_L
     first[:] = -second
     first[:, 0, 2], first[:, 1, 2] = seen[:, 1], -seen[:, 0]
     square = np.einsum("ei,eij,ej->e", residual, edges.information, residual)
-    weights = 1.0 / (1.0 + square / _DOUBT) ** 2
-    weights[:known] = 1.0
-    return _Linear(residual, first, second, edges.information * weights[:, None, None]), weights
+    quarter = np.where(np.arange(square.size) < known, _BREAKS, _DOUBT)
+    weights = 1.0 / (1.0 + square / (quarter * scale)) ** 2
+    return (
+        _Linear(residual, first, second, edges.information * weights[:, None, None]),
+        weights,
+        float(square[known:].max(initial=0.0)),
+    )
 
 
 def _gradient(linear: _Linear, edges: Edges, residual: NDArray[np.float64], n: int) -> NDArray[np.float64]:

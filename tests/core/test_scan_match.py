@@ -8,7 +8,7 @@ import pytest
 from pfcli.core.geometry import compose
 from pfcli.core.grid import scan_match, tiles
 from pfcli.core.grid.normals import scan_normals
-from pfcli.core.grid.scan_points import beams_of, points_of
+from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.simulate.laser import cast
 
 WALLS = np.array(
@@ -113,27 +113,6 @@ def test_along_a_corridor_the_odometry_decides() -> None:
     assert covariance[0, 0] > 4 * covariance[1, 1]
 
 
-def test_normals_are_across_the_walls() -> None:
-    ranges = _scan(np.array([4.0, 2.5, 0.0]), np.random.default_rng(0), 0.0)
-    points = _points(ranges).ends
-    normals = scan_normals(points, 0.3)
-    on_wall = np.abs(points[:, 1] + 2.5) < 1e-6
-    assert normals[on_wall][:, 2].mean() > 0.9
-    clear = on_wall & (normals[:, 2] > 0) & (np.abs(points[:, 0]) > 0.3)
-    away = clear & (np.abs(points[:, 0] + 1.0) > 0.3) & (np.abs(points[:, 0]) < 3.5)
-    assert np.abs(normals[away][:, 1]).min() > 0.99
-
-
-def test_a_wide_beam_says_little_of_a_wall_seen_at_grazing_incidence() -> None:
-    bearings = np.radians(np.array([80.0, 79.0, 78.0, 12.0, 11.9, 11.8]))
-    points = np.stack([1.0 / np.tan(bearings), np.ones(6)], 1)
-    normals = scan_normals(points, 0.01 / 0.03)
-    assert normals[:, 2].all()
-    assert normals[1, 3] == pytest.approx(1 / (1 + (0.01 / 0.03 / np.tan(bearings[1])) ** 2))
-    assert normals[4, 3] == pytest.approx(1 / (1 + (0.01 / 0.03 / np.tan(bearings[4])) ** 2))
-    assert normals[4, 3] < 0.35 < 0.95 < normals[1, 3]
-
-
 def test_log_likelihood_equals_its_five_line_definition(room: tiles.Tiles) -> None:
     m = scan_match.Matcher()
     rng = np.random.default_rng(4)
@@ -202,3 +181,35 @@ def test_a_second_start_near_the_first_changes_nothing(room: tiles.Tiles) -> Non
         for offered in (np.zeros(3), np.array([0.05, 0.05, 0.0]))
     )
     assert np.abs(once.pose - twice.pose).max() < 3e-3
+
+
+def test_where_the_map_ends_does_not_pull_along_a_corridor() -> None:
+    """Against all that was seen from 10 m of a plain corridor, 2 cm of noise: the far end points lie beyond what is drawn."""
+    rng, bearings = np.random.default_rng(5), np.radians(np.arange(-90.0, 90.5))
+    walls = np.array([[-100.0, -1.2, 100.0, -1.2], [-100.0, 1.3, 100.0, 1.3]])
+    seen = np.empty(bearings.size)
+
+    def points(x: float) -> Points:
+        cast(x, 0.0, bearings, walls, np.zeros((0, 3)), 80.0, seen)
+        ranges = seen + 0.02 * rng.standard_normal(seen.size)
+        return points_of(ranges, (bearings[0], bearings[1] - bearings[0]), (0.0, 40.0), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
+
+    information, off = np.diag([0.07**-2, 0.07**-2, 0.03**-2]), {}
+    for name, m in (("scan", scan_match.Matcher()), ("map", scan_match.Matcher(map_normals=True, tangent=0.0))):
+        maps, slid = tiles.empty(1, 0.05), []
+        for k in range(41):
+            pose, scan = np.array([[0.25 * k, 0.0, 0.0]]), points(0.25 * k)
+            if k > 10:
+                found = scan_match.match(maps, pose, information, np.zeros((1, 3)), scan.ends, m)
+                slid.append(found.pose[0, 0] - pose[0, 0])
+            maps = tiles.draw(maps, pose, np.ones(1, bool), beams_of(scan, (0.0, 0.0, 0.0)))
+        off[name] = np.mean(slid), np.std(slid) / np.sqrt(len(slid))
+    assert abs(off["map"][0]) < 4 * off["map"][1] + 1e-4
+    assert abs(off["scan"][0]) > 4 * off["scan"][1]
+
+
+def test_known_share_counts_end_points_on_drawn_map(room: tiles.Tiles) -> None:
+    here, outside = np.array([4.0, 2.5, 0.3]), np.array([100.0, 100.0, 0.0])
+    points = _points(_scan(here, np.random.default_rng(0))).ends
+    assert scan_match.known_share(room, 0, here, points) == 1.0
+    assert scan_match.known_share(room, 0, outside, points) == 0.0

@@ -226,8 +226,8 @@ def finish(state: State, assets: None, params: Params) -> Result:
     if params.smooth:
         found = smooth.smooth(state.log, path, _setup(params))
         frames = _moved(frames, history.update_stamps(), path, found.path.poses)
-        path, covariance = found.path.poses, found.path.covariance
-        grid = grid_of(smooth.drawn(state.log, path, params.resolution_m), 0)
+        path, covariance = found.path.poses, found.path.covariance()
+        grid = grid_of(smooth.drawn(state.log, found, params.resolution_m), 0)
         summary |= {"closures": found.closures, "closures_used": found.used}
         if found.calibration is not None:
             errors = found.calibration._asdict()

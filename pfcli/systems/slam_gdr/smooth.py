@@ -5,6 +5,7 @@ against the map of the way just behind it, and against those of earlier visits; 
 out. A pose graph holds them together (`core.pose_graph`).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,20 +24,23 @@ _WAY_M = 4.0
 """Half the way whose scans make a map to match against."""
 _APART_M = 10.0
 """A place is come back to after so much way."""
-_NEAR_M = 4.0
-"""Poses this near to each other may have seen the same."""
-_EVERY_M = 1.0
-"""One scan in so much way is matched against earlier visits."""
-_WINDOW_M, _DRIFT, _WIDEST_M, _YAW_RAD = 1.0, 0.01, 3.0, 0.3
-"""Half width of the search for a place again: at least, per way since, at most; and of its heading."""
-_AGAIN_M = 0.5
-"""The same once the path has been relaxed."""
+_NEAR_M = 3.0
+"""Poses this near to each other, beyond what the path may be off, may have seen the same."""
+_SIGMAS, _SURE_M, _WIDEST_M = 2.5, 0.3, 5.0
+"""A place is looked for within so many standard deviations of the path; within the second without a coarse search; beyond the
+third not at all, for there one corridor may be taken for another."""
+_START_M, _YAW_RAD = 1.0, 0.3
+"""The same at the start, on the filter's path, and half width of the search for the heading."""
+_EVERY_M = (2.0, 1.0, 1.0)
+"""One scan in so much way is matched against earlier visits: in the first round, that calibrates the odometry, in the second,
+that finds what lies too far off without, and in the last, for accuracy."""
 _FITS, _KNOWN = 0.7, 0.6
 """Shares of the end points on known map that lie on surfaces, and of all that lie on known map, from which on it is the place."""
 _STEP_SD = (0.005, 0.005, 0.001)
 _CLOSURE_SD = (0.02, 0.02, 0.003)
 """What a match errs by beyond its own information (m, m, rad)."""
 _DRAWS = 100
+_NOWHERE = np.zeros(3)
 
 
 class Setup(NamedTuple):
@@ -67,19 +71,22 @@ class Log:
 
 
 class Smoothed(NamedTuple):
-    """path: poses and covariances of all updates; closures: matches with earlier visits, and how many of them count;
-    calibration of the odometry, None where it has hardly moved."""
+    """path: poses of all updates; fits (t,): scans that do not contradict the map of the way behind them; closures: matches
+    with earlier visits; used: how many of them count; calibration of the odometry, None where it has hardly moved."""
 
     path: Relaxed
+    fits: NDArray[np.bool_]
     closures: int
     used: int
     calibration: Calibration | None
 
 
 class _Chain(NamedTuple):
-    """poses (t, 3), each right as seen from those a few metres before; edges between successive ones."""
+    """poses (t, 3), each right as seen from those a few metres before; fits (t,): scans that do not contradict what is drawn at
+    those; edges between successive poses."""
 
     poses: NDArray[np.float64]
+    fits: NDArray[np.bool_]
     edges: Edges
 
 
@@ -90,22 +97,29 @@ def smooth(log: Log, path: NDArray[np.float64], setup: Setup) -> Smoothed:
     matcher = setup.matcher._replace(map_normals=True, tangent=0.0)
     setup = setup._replace(matcher=matcher)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + _TURN_M * np.abs(steps[:, 2]))])
-    chain = _chained(log, steps, way, setup)
-    path = relax(path, chain.edges, _closures(log, path, chain, way, setup, searching=True)).poses
-    calibration = calibrate(steps, between(path[:-1], path[1:]))
-    if calibration is not None:
-        chain = _chained(log, calibration.corrected(steps), way, setup._replace(noise=calibration.noise()))
-    closures = _closures(log, path, chain, way, setup, searching=False)
+    closures, calibration, relaxed = _none(), None, Relaxed(path, np.zeros((0, *path.shape)), np.zeros(0))
+    for every_m in _EVERY_M:
+        if calibration is None:
+            chain = _chained(log, steps, setup.noise, way, setup)
+        else:
+            chain = _chained(log, calibration.corrected(steps), calibration.noise(), way, setup)
+            relaxed = _relaxed(relaxed.poses, chain, closures)
+        closures = _closures(log, relaxed, chain, way, setup, every_m)
+        relaxed = _relaxed(relaxed.poses, chain, closures)
+        calibration = calibrate(steps, between(relaxed.poses[:-1], relaxed.poses[1:]))
+    return Smoothed(relaxed, chain.fits, closures.first.size, int((relaxed.weights > 0.25).sum()), calibration)
+
+
+def _relaxed(path: NDArray[np.float64], chain: "_Chain", closures: Edges) -> Relaxed:
     # the end has no seed of its own, and needs none
-    relaxed = relax(path, chain.edges, closures, rng_for(0, Purpose.SMOOTH, 0), _DRAWS)
-    return Smoothed(relaxed, closures.first.size, int((relaxed.weights > 0.25).sum()), calibration)
+    return relax(path, chain.edges, closures, rng_for(0, Purpose.SMOOTH, 0), _DRAWS)
 
 
-def drawn(log: Log, poses: NDArray[np.float64], resolution_m: float) -> tiles.Tiles:
-    """The map of all scans at poses (t, 3)."""
+def drawn(log: Log, found: Smoothed, resolution_m: float) -> tiles.Tiles:
+    """The map of all scans that fit."""
     maps = tiles.empty(1, resolution_m)
-    for scan, pose in zip(log.scans, poses, strict=True):
-        maps = _draw(maps, pose, scan)
+    for k in np.flatnonzero(found.fits).tolist():
+        maps = _draw(maps, found.path.poses[k], log.scans[k])
     return maps
 
 
@@ -118,18 +132,24 @@ def _ends(scan: tiles.Beams) -> NDArray[np.float64]:
     return scan.ends[: int(scan.hit.sum())]
 
 
-def _matched(
+def _elsewhere(
+    maps: tiles.Tiles, pose: NDArray[np.float64], ends: NDArray[np.float64], window: scan_match.Window, setup: Setup
+) -> NDArray[np.float64]:
+    """What a coarse search adds to a pose (3,); zeros where nothing is better."""
+    thinned = ends[:: max(1, ends.shape[0] // setup.coarse_beams)].copy()
+    return scan_match.coarse(maps, 0, pose, thinned, window, setup.coarse_gain)
+
+
+def _match(
     maps: tiles.Tiles,
     prior: NDArray[np.float64],
-    prior_information: NDArray[np.float64],
+    known: NDArray[np.float64],
     ends: NDArray[np.float64],
-    window: scan_match.Window,
+    elsewhere: NDArray[np.float64],
     setup: Setup,
 ) -> scan_match.Match:
-    """Match a scan near the pose `prior` (1, 3)."""
-    thinned = ends[:: max(1, ends.shape[0] // setup.coarse_beams)].copy()
-    correction = scan_match.coarse(maps, 0, prior[0], thinned, window, setup.coarse_gain)
-    return scan_match.match(maps, prior, prior_information, correction[None], ends, setup.matcher)
+    """Match a scan near the pose `prior` (1, 3), of which as much is known (3, 3), and from a second start."""
+    return scan_match.match(maps, prior, known, elsewhere[None], ends, setup.matcher)
 
 
 def _softened(information_of: NDArray[np.float64], sd: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -140,30 +160,51 @@ def _softened(information_of: NDArray[np.float64], sd: tuple[float, float, float
     )
 
 
-def _chained(log: Log, steps: NDArray[np.float64], way: NDArray[np.float64], setup: Setup) -> _Chain:
-    """Match each scan against the map of the way behind it: at least `_WAY_M` of it, at most twice as much."""
-    poses, information_of = np.zeros((way.size, 3)), np.empty((way.size - 1, 3, 3))
+def _evidence(match: scan_match.Match) -> float:
+    return float(match.log_likelihood[0] + match.log_prior[0])
+
+
+def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np.float64], setup: Setup) -> _Chain:
+    """Match each scan against the map of the way behind it: at least `_WAY_M` of it, at most twice as much.
+
+    noise: of the steps (t - 1, 3) while the wheels do not slip; where they seem to, the odometry is taken for what it may be.
+    """
+    poses, information_of, fits = np.zeros((way.size, 3)), np.empty((way.size - 1, 3, 3)), np.ones(way.size, np.bool_)
     older, newer, since = _draw(tiles.empty(1, setup.resolution_m), poses[0], log.scans[0]), None, 0.0
     for k in range(1, way.size):
         prior = compose(poses[k - 1 : k], steps[k - 1 : k])
-        match = _matched(older, prior, information(steps[k - 1], setup.noise), _ends(log.scans[k]), setup.window, setup)
+        ends = _ends(log.scans[k])
+        match = _match(older, prior, information(steps[k - 1], noise), ends, _NOWHERE, setup)
+        elsewhere = _elsewhere(older, prior[0], ends, setup.window, setup)
+        if elsewhere.any():
+            other = _match(older, prior, information(steps[k - 1], setup.noise), ends, elsewhere, setup)
+            if _evidence(other) + math.log(setup.matcher.slip) > _evidence(match):
+                match = other
         poses[k], information_of[k - 1] = match.pose[0], match.information[0]
         if newer is None and way[k] - since >= _WAY_M:
             newer = tiles.empty(1, setup.resolution_m)
-        if not 0.0 <= match.inliers[0] < setup.draw_inliers:
+        fits[k] = not 0.0 <= match.inliers[0] < setup.draw_inliers
+        if fits[k]:
             older = _draw(older, poses[k], log.scans[k])
             newer = None if newer is None else _draw(newer, poses[k], log.scans[k])
         if newer is not None and way[k] - since >= 2 * _WAY_M:
             older, newer, since = newer, None, way[k] - _WAY_M
     first = np.arange(way.size - 1)
-    return _Chain(poses, Edges(first, first + 1, between(poses[:-1], poses[1:]), _softened(information_of, _STEP_SD)))
+    return _Chain(
+        poses, fits, Edges(first, first + 1, between(poses[:-1], poses[1:]), _softened(information_of, _STEP_SD))
+    )
+
+
+def _none() -> Edges:
+    return Edges(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
 
 
 def _closures(
-    log: Log, path: NDArray[np.float64], chain: _Chain, way: NDArray[np.float64], setup: Setup, searching: bool
+    log: Log, relaxed: Relaxed, chain: _Chain, way: NDArray[np.float64], setup: Setup, every_m: float
 ) -> Edges:
-    """Matches with earlier visits. searching: the path may be off by what drifts over a long way."""
-    asked = np.flatnonzero(np.diff(np.floor(way / _EVERY_M), prepend=-1.0) > 0)
+    """Matches with earlier visits."""
+    path = relaxed.poses
+    asked = np.flatnonzero(np.diff(np.floor(way / every_m), prepend=-1.0) > 0)
     first, second, measured, information_of = [], [], [], []
     for middle in np.arange(_WAY_M / 2, way[-1] - _APART_M, _WAY_M):
         visit = np.flatnonzero(np.abs(way - middle) <= _WAY_M)
@@ -172,24 +213,30 @@ def _closures(
             continue
         square = ((path[later, None, :2] - path[None, visit, :2]) ** 2).sum(axis=2)
         nearest = visit[square.argmin(axis=1)]
+        half = np.full(later.size, _START_M)
+        if relaxed.draws.size:
+            half = np.maximum(_SIGMAS * relaxed.relative_sd(nearest, later)[:, 0], _SURE_M)
         # each earlier pose lies in the middle of one such map
-        chosen = (square.min(axis=1) < _NEAR_M**2) & (np.abs(way[nearest] - middle) <= _WAY_M / 2)
+        chosen = (half <= _WIDEST_M) & (square.min(axis=1) < (_NEAR_M + half) ** 2)
+        chosen &= np.abs(way[nearest] - middle) <= _WAY_M / 2
         if not chosen.any():
             continue
         maps = tiles.empty(1, setup.resolution_m)
-        for k in visit:
+        for k in visit[chain.fits[visit]].tolist():
             maps = _draw(maps, chain.poses[k], log.scans[k])
-        for j, i in zip(nearest[chosen], later[chosen], strict=True):
-            half = float(np.clip(_DRIFT * (way[i] - way[j]), _WINDOW_M, _WIDEST_M)) if searching else _AGAIN_M
+        for j, i, h in zip(nearest[chosen], later[chosen], half[chosen], strict=True):
             prior = compose(chain.poses[j : j + 1], between(path[j : j + 1], path[i : i + 1]))
-            window = setup.window._replace(half_xy_m=half, half_yaw_rad=_YAW_RAD)
-            ends = _ends(log.scans[i])
-            around = np.diag([half**-2, half**-2, _YAW_RAD**-2])
-            match = _matched(maps, prior, around, ends, window, setup)
+            ends, elsewhere = _ends(log.scans[i]), _NOWHERE
+            if h > _SURE_M:
+                window = setup.window._replace(half_xy_m=float(h), half_yaw_rad=_YAW_RAD)
+                elsewhere = _elsewhere(maps, prior[0], ends, window, setup)
+            around = np.diag([h**-2, h**-2, _YAW_RAD**-2])
+            match = _match(maps, prior, around, ends, elsewhere, setup)
             if match.inliers[0] >= _FITS and scan_match.known_share(maps, 0, match.pose[0], ends) >= _KNOWN:
                 first.append(j)
                 second.append(i)
                 measured.append(between(chain.poses[j : j + 1], match.pose)[0])
+                # where it was looked for is no evidence
                 information_of.append(match.information[0] - around)
     return Edges(
         np.array(first, np.int64),
