@@ -1,4 +1,4 @@
-"""Share of consistent maps by number of particles, GDR beside systematic resampling (Zhang 2016, tables 2 and 3).
+"""Share of consistent maps by number of particles, GDR beside systematic resampling and --smooth (Zhang 2016, tables 2 and 3).
 
 'Consistent' is frozen in docs/decisions/005-consistent-map.md. python benchmarks/particles_needed.py [seeds] [world ...]
 """
@@ -20,10 +20,10 @@ def main(seeds: int = 10, names: list[str] | None = None) -> None:
     for world in names or WORLDS:
         log = worlds.recorded("csail") if world == "csail" else worlds.simulated(world)
         for n in (2, 5, 10, 20):
-            for resampler in ("gdr", "systematic"):
+            for resampler, smooth in (("gdr", False), ("systematic", False), ("gdr", True)):
                 rows = []
                 for seed in range(seeds):
-                    done = worlds.slam(log, seed, world != "csail", particles=n, resampler=resampler)
+                    done = worlds.slam(log, seed, world != "csail", particles=n, resampler=resampler, smooth=smooth)
                     if world == "csail":
                         ate = worlds.csail_ate(done)
                         verdict = worlds.Verdict(ate <= worlds.CSAIL_ATE_M, np.nan, np.nan, ate)
@@ -34,7 +34,7 @@ def main(seeds: int = 10, names: list[str] | None = None) -> None:
                 low, high = worlds.wilson(good, seeds)
                 iou, doubled, ate, resamplings = np.mean([r[1:] for r in rows], axis=0)
                 print(
-                    f"| {world} | {n} | {resampler} | {good}/{seeds} ({low:.2f} .. {high:.2f}) | {iou:.3f} | {doubled:.3f} |"
+                    f"| {world} | {n} | {resampler}{', --smooth' if smooth else ''} | {good}/{seeds} ({low:.2f} .. {high:.2f}) | {iou:.3f} | {doubled:.3f} |"
                     f" {ate:.3f} | {resamplings:.1f} |",
                     flush=True,
                 )
