@@ -20,10 +20,13 @@ def main(seeds: int = 10, names: list[str] | None = None) -> None:
     for world in names or WORLDS:
         log = worlds.recorded("csail") if world == "csail" else worlds.simulated(world)
         for n in (2, 5, 10, 20):
-            for resampler, smooth in (("gdr", False), ("systematic", False), ("gdr", True)):
+            for variant in ("gdr", "systematic", "gdr --smooth"):
+                resampler, _, smooth = variant.partition(" ")
                 rows = []
                 for seed in range(seeds):
-                    done = worlds.slam(log, seed, world != "csail", particles=n, resampler=resampler, smooth=smooth)
+                    done = worlds.slam(
+                        log, seed, world != "csail", particles=n, resampler=resampler, smooth=bool(smooth)
+                    )
                     if world == "csail":
                         ate = worlds.csail_ate(done)
                         verdict = worlds.Verdict(ate <= worlds.CSAIL_ATE_M, np.nan, np.nan, ate)
@@ -34,7 +37,7 @@ def main(seeds: int = 10, names: list[str] | None = None) -> None:
                 low, high = worlds.wilson(good, seeds)
                 iou, doubled, ate, resamplings = np.mean([r[1:] for r in rows], axis=0)
                 print(
-                    f"| {world} | {n} | {resampler}{', --smooth' if smooth else ''} | {good}/{seeds} ({low:.2f} .. {high:.2f}) | {iou:.3f} | {doubled:.3f} |"
+                    f"| {world} | {n} | {variant} | {good}/{seeds} ({low:.2f} .. {high:.2f}) | {iou:.3f} | {doubled:.3f} |"
                     f" {ate:.3f} | {resamplings:.1f} |",
                     flush=True,
                 )
