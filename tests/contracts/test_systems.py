@@ -27,8 +27,9 @@ RUNS = {
     "localize-lookup": ("four-rooms", ["--end", "25", "--map", str(MAPS["localize-lookup"]), *WHEELS]),
     "localize-reliable": ("kidnapped", ["--end", "30", "--map", str(MAPS["localize-reliable"])]),
     "localize-partial": ("partial", ["--end", "25", "--particles", "3000", "--map", str(MAPS["localize-partial"])]),
+    "slam-gdr-smooth": ("small-loop", ["--end", "100", "--particles", "2"]),
 }
-COMMANDS = {"slam-gdr-landmarks": ("slam-gdr", "--landmarks")}
+COMMANDS = {"slam-gdr-landmarks": ("slam-gdr", "--landmarks"), "slam-gdr-smooth": ("slam-gdr", "--smooth")}
 FILES = (
     "track.tum",
     "track.parquet",
@@ -39,7 +40,7 @@ FILES = (
 )
 
 
-@pytest.mark.parametrize("name", list(registry.SYSTEMS))
+@pytest.mark.parametrize("name", list(RUNS))
 def test_the_same_command_gives_the_same_bytes_with_1_and_2_threads_and_again(
     name: str, sample: Callable[[str], Path], pfcli: Cli, tmp_path: Path
 ) -> None:
