@@ -221,14 +221,15 @@ def finish(state: State, assets: None, params: Params) -> Result:
         "updates_shared_by_all": history.shared(),
         "tiles": tiles.used(state.maps),
         "map_mib": round(tiles.used(state.maps) * tiles.CELLS * 16 / 2**20, 1),
-        "smoothed": params.smooth,
+        "smoothed": False,
     }
     if params.smooth:
         found = smooth.smooth(state.log, path, _setup(params))
-        frames = _moved(frames, history.update_stamps(), path, found.path.poses)
-        path, covariance = found.path.poses, found.path.covariance()
-        grid = grid_of(smooth.drawn(state.log, found, params.resolution_m), 0)
-        summary |= {"closures": found.closures, "closures_used": found.used}
+        if found.path is not None:
+            frames = _moved(frames, history.update_stamps(), path, found.path.poses)
+            path, covariance = found.path.poses, found.path.covariance()
+            grid = grid_of(smooth.drawn(state.log, path, found.fits, params.resolution_m), 0)
+        summary |= {"smoothed": found.path is not None, "closures": found.closures, "closures_used": found.used}
         if found.calibration is not None:
             errors = found.calibration._asdict()
             summary |= {f"odometry_{k}": round(errors[k], 4) for k in ("way", "drift", "turn_per_m", "turn")}

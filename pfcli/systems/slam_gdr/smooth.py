@@ -2,10 +2,9 @@
 
 Three things are matched anew, against maps of a few metres of way, whose shape odometry and scans have hardly bent: each scan
 against the map of the way just behind it, and against those of earlier visits; the odometry is calibrated on what comes
-out. A pose graph holds them together (`core.pose_graph`).
+out. A pose graph holds them together (`core.pose_graph`). The path is taken only where its map explains the scans better.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid.normals import scan_normals
 from pfcli.core.motion.calibration import Calibration, calibrate
 from pfcli.core.motion.odometry import Noise, information
 from pfcli.core.pose_graph import Edges, Relaxed, relax
@@ -36,9 +36,13 @@ _EVERY_M = (2.0, 1.0, 1.0)
 that finds what lies too far off without, and in the last, for accuracy."""
 _FITS, _KNOWN = 0.7, 0.6
 """Shares of the end points on known map that lie on surfaces, and of all that lie on known map, from which on it is the place."""
+_PEOPLE = 8.0
+"""By so many nats a slip must explain a scan better: people who walk along together look like a few."""
 _STEP_SD = (0.005, 0.005, 0.001)
 _CLOSURE_SD = (0.02, 0.02, 0.003)
 """What a match errs by beyond its own information (m, m, rad)."""
+_POLISH, _POLISH_SD = 2, (0.03, 0.03, 0.005)
+"""How often all scans are matched against the map of all in the end, and how far each may move then (m, m, rad)."""
 _DRAWS = 100
 _NOWHERE = np.zeros(3)
 
@@ -71,10 +75,11 @@ class Log:
 
 
 class Smoothed(NamedTuple):
-    """path: poses of all updates; fits (t,): scans that do not contradict the map of the way behind them; closures: matches
-    with earlier visits; used: how many of them count; calibration of the odometry, None where it has hardly moved."""
+    """path: poses of all updates, None where those that were given explain the scans better; fits (t,): scans that do not
+    contradict the map of the way behind them; closures: matches with earlier visits; used: how many of them count;
+    calibration of the odometry, None where it has hardly moved."""
 
-    path: Relaxed
+    path: Relaxed | None
     fits: NDArray[np.bool_]
     closures: int
     used: int
@@ -90,14 +95,14 @@ class _Chain(NamedTuple):
     edges: Edges
 
 
-def smooth(log: Log, path: NDArray[np.float64], setup: Setup) -> Smoothed:
+def smooth(log: Log, given: NDArray[np.float64], setup: Setup) -> Smoothed:
     """The most probable path (t, 3) given the whole log, from one that lies near it."""
     steps = np.array(log.steps).reshape(-1, 3)
     # along a plain wall a scan says nothing: what pulls there is where the map happens to end
     matcher = setup.matcher._replace(map_normals=True, tangent=0.0)
     setup = setup._replace(matcher=matcher)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + _TURN_M * np.abs(steps[:, 2]))])
-    closures, calibration, relaxed = _none(), None, Relaxed(path, np.zeros((0, *path.shape)), np.zeros(0))
+    closures, calibration, relaxed = _none(), None, Relaxed(given, np.zeros((0, *given.shape)), np.zeros(0))
     for every_m in _EVERY_M:
         if calibration is None:
             chain = _chained(log, steps, setup.noise, way, setup)
@@ -107,7 +112,11 @@ def smooth(log: Log, path: NDArray[np.float64], setup: Setup) -> Smoothed:
         closures = _closures(log, relaxed, chain, way, setup, every_m)
         relaxed = _relaxed(relaxed.poses, chain, closures)
         calibration = calibrate(steps, between(relaxed.poses[:-1], relaxed.poses[1:]))
-    return Smoothed(relaxed, chain.fits, closures.first.size, int((relaxed.weights > 0.25).sum()), calibration)
+    for _ in range(_POLISH):
+        relaxed = relaxed._replace(poses=_polished(log, relaxed.poses, chain.fits, setup))
+    better = _explained(log, relaxed.poses, chain.fits, setup) > _explained(log, given, chain.fits, setup)
+    used = int((relaxed.weights > 0.25).sum())
+    return Smoothed(relaxed if better else None, chain.fits, closures.first.size, used, calibration)
 
 
 def _relaxed(path: NDArray[np.float64], chain: "_Chain", closures: Edges) -> Relaxed:
@@ -115,12 +124,33 @@ def _relaxed(path: NDArray[np.float64], chain: "_Chain", closures: Edges) -> Rel
     return relax(path, chain.edges, closures, rng_for(0, Purpose.SMOOTH, 0), _DRAWS)
 
 
-def drawn(log: Log, found: Smoothed, resolution_m: float) -> tiles.Tiles:
-    """The map of all scans that fit."""
+def drawn(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], resolution_m: float) -> tiles.Tiles:
+    """The map of all scans that fit (t,) at poses (t, 3)."""
     maps = tiles.empty(1, resolution_m)
-    for k in np.flatnonzero(found.fits).tolist():
-        maps = _draw(maps, found.path.poses[k], log.scans[k])
+    for k in np.flatnonzero(fits).tolist():
+        maps = _draw(maps, poses[k], log.scans[k])
     return maps
+
+
+def _polished(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], setup: Setup) -> NDArray[np.float64]:
+    """Each scan matched against the map of all; the first pose stays."""
+    maps = drawn(log, poses, fits, setup.resolution_m)
+    near, out = np.diag(np.square(_POLISH_SD) ** -1.0), poses.copy()
+    for k in range(1, len(poses)):
+        out[k] = _match(maps, poses[k : k + 1], near, _ends(log.scans[k]), _NOWHERE, setup).pose[0]
+    return out
+
+
+def _explained(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], setup: Setup) -> float:
+    """Mean log likelihood of an end point in the map that all scans draw together."""
+    maps, m = drawn(log, poses, fits, setup.resolution_m), setup.matcher
+    total, count = 0.0, 0
+    for scan, pose in zip(log.scans, poses, strict=True):
+        ends = _ends(scan)
+        normals = scan_normals(ends, m.beam_width_rad / m.sigma_m)
+        total += float(scan_match.log_likelihood(maps, 0, pose, ends, normals, m.sigma_m, m, 1))
+        count += ends.shape[0]
+    return total / max(1, count)
 
 
 def _draw(maps: tiles.Tiles, pose: NDArray[np.float64], scan: tiles.Beams) -> tiles.Tiles:
@@ -160,10 +190,6 @@ def _softened(information_of: NDArray[np.float64], sd: tuple[float, float, float
     )
 
 
-def _evidence(match: scan_match.Match) -> float:
-    return float(match.log_likelihood[0] + match.log_prior[0])
-
-
 def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np.float64], setup: Setup) -> _Chain:
     """Match each scan against the map of the way behind it: at least `_WAY_M` of it, at most twice as much.
 
@@ -174,11 +200,14 @@ def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np
     for k in range(1, way.size):
         prior = compose(poses[k - 1 : k], steps[k - 1 : k])
         ends = _ends(log.scans[k])
-        match = _match(older, prior, information(steps[k - 1], noise), ends, _NOWHERE, setup)
+        known = information(steps[k - 1], noise)
+        match = _match(older, prior, known, ends, _NOWHERE, setup)
         elsewhere = _elsewhere(older, prior[0], ends, setup.window, setup)
         if elsewhere.any():
+            # the wheels may have slipped: then odometry is as bad as the parameters allow, or says nothing
             other = _match(older, prior, information(steps[k - 1], setup.noise), ends, elsewhere, setup)
-            if _evidence(other) + math.log(setup.matcher.slip) > _evidence(match):
+            before = scan_match.log_prior(other.pose[0], prior[0], known, setup.matcher)
+            if other.log_likelihood[0] + before > match.log_likelihood[0] + match.log_prior[0] + _PEOPLE:
                 match = other
         poses[k], information_of[k - 1] = match.pose[0], match.information[0]
         if newer is None and way[k] - since >= _WAY_M:
