@@ -12,7 +12,9 @@ from pfcli.params import build
 from pfcli.registry import system
 from pfcli.replay import Log, Settings
 from pfcli.report import metrics
+from pfcli.systems.result import Frame
 from pfcli.systems.slam_gdr import smooth
+from pfcli.systems.slam_gdr.filter import _moved
 from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
 from tests.conftest import SAMPLES
 
@@ -147,14 +149,21 @@ def test_smoothing_finds_the_places_again_and_the_odometry_true(smoothed: Any) -
     assert abs(summary["odometry_way"]) < 0.005
     assert done.errors is not None
     assert done.errors.summary()["ate_m"] < 0.006
-    # the map is drawn anew, and the frames lie in it
+    # the map is drawn anew
     plain = run.execute(_job(seed=1))
     assert done.result.grid is not None
     assert plain.result.grid is not None
     assert metrics.doubled_walls(done.result.grid) <= metrics.doubled_walls(plain.result.grid) + 0.02
-    poses = dict(zip(done.result.track.stamps_ns.tolist(), done.result.track.poses, strict=True))
-    for frame in done.result.frames:
-        assert np.allclose(frame.pose[:2], poses[frame.stamp_ns][:2], atol=0.03)
+
+
+def test_frames_move_with_the_poses_of_their_updates() -> None:
+    stamps, before = np.array([10, 20, 30]), np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
+    after = np.array([[0.0, 0, 0], [0.0, 1, np.pi / 2], [0.0, 2, np.pi / 2]])
+    around = np.array([[2.0, 0.1, 0.0], [2.3, 0.0, 0.2]])
+    frame = Frame(30, np.array([2.1, 0.0, 0.0]), around, np.zeros(2, np.uint8), np.zeros((1, 2)))
+    (moved,) = _moved([frame], stamps, before, after)
+    assert np.allclose(moved.pose, [0.0, 2.1, np.pi / 2])
+    assert np.allclose(moved.particles, [[-0.1, 2.0, np.pi / 2], [0.0, 2.3, np.pi / 2 + 0.2]])
 
 
 def test_a_bent_path_is_straightened_by_what_the_robot_came_back_to(smoothed: Any) -> None:
