@@ -23,7 +23,8 @@ _NARROWER = 4.0
 
 
 class Edges(NamedTuple):
-    """Pose second (e,) as seen from pose first (e,), measured (e, 3) m, m, rad, with information (e, 3, 3)."""
+    """Pose second (e,) as seen from pose first (e,), measured (e, 3) m, m, rad, with information (e, 3, 3), positive
+    definite."""
 
     first: NDArray[np.int64]
     second: NDArray[np.int64]

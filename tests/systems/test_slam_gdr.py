@@ -215,6 +215,17 @@ def test_a_path_that_explains_the_scans_better_is_kept(smoothed: Any, monkeypatc
     assert smooth.smooth(log, path, setup).path is None
 
 
+def test_what_a_match_does_not_tell_stays_untold() -> None:
+    """Along a plain wall, at any angle to the axes, and where a little less than nothing is left of it."""
+    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1.0]])
+    for along in (0.0, -5.0):
+        told = smooth._softened((turn @ np.diag([along, 1e4, 1e5]) @ turn.T)[None], (0.02, 0.02, 0.003))[0]
+        assert np.linalg.eigvalsh(told).min() > 0
+        expected = turn @ np.diag([1e-3, 1 / (1e-4 + 0.0004), 1 / (1e-5 + 9e-6)]) @ turn.T
+        assert np.allclose(told, expected, rtol=1e-3, atol=1e-2)
+    assert smooth._softened(np.zeros((0, 3, 3)), (1.0, 1.0, 1.0)).shape == (0, 3, 3)
+
+
 def test_smoothing_needs_no_second_update() -> None:
     done = run.execute(_job(end_s=0.3, smooth=True))
     assert done.result.summary["closures"] == 0

@@ -41,6 +41,8 @@ _PEOPLE = 8.0
 _STEP_SD = (0.005, 0.005, 0.001)
 _CLOSURE_SD = (0.02, 0.02, 0.003)
 """What a match errs by beyond its own information (m, m, rad)."""
+_NOTHING = 1e-3
+"""Information (1 / m^2, 1 / rad^2) that counts as none."""
 _POLISH, _POLISH_SD = 2, (0.03, 0.03, 0.005)
 """How often all scans are matched against the map of all in the end, and how far each may move then (m, m, rad)."""
 _DRAWS = 100
@@ -183,11 +185,11 @@ def _match(
 
 
 def _softened(information_of: NDArray[np.float64], sd: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Information (e, 3, 3), which may be singular, after errors of that standard deviation were added."""
-    return np.asarray(
-        information_of
-        - information_of @ np.linalg.solve(information_of + np.diag(np.square(sd) ** -1.0), information_of)
-    )
+    """Information (e, 3, 3) after errors of that standard deviation were added. What it has of a direction may be nothing, as
+    along a plain wall; it comes out positive definite."""
+    values, axes = np.linalg.eigh((information_of + information_of.swapaxes(1, 2)) / 2)
+    covariance = (axes / np.maximum(values, _NOTHING)[:, None, :]) @ axes.swapaxes(1, 2)
+    return np.asarray(np.linalg.inv(covariance + np.diag(np.square(sd))))
 
 
 def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np.float64], setup: Setup) -> _Chain:
