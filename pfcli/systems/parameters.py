@@ -20,3 +20,6 @@ AlphaXy = Annotated[float, Opt("dispersal at average weight", "m", 0, 1)]
 AlphaYaw = Annotated[float, Opt("dispersal at average weight", "deg", 0, 45)]
 DispersalCap = Annotated[float, Opt("largest variance factor of the dispersal", "", 0, 1000)]
 DisperseFirst = Annotated[bool, Opt("disperse the first offspring of a parent too, as the paper prints it")]
+Smooth = Annotated[
+    bool, Opt("track and map as the whole log knows them, relaxed over all places that were come back to")
+]

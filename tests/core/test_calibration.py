@@ -31,7 +31,7 @@ def test_systematic_errors_are_found_in_spite_of_slips() -> None:
     assert found.turn_per_m == pytest.approx(PER_M, abs=5 * 0.00025)
     assert found.turn == pytest.approx(TURN, abs=5 * 0.0005)
     assert np.abs((found.corrected(steps) - known).mean(axis=0)[1:]).max() < 0.0005
-    assert found.sd_xy_m == pytest.approx(0.004, rel=0.15)
+    assert found.sd_xy_m == pytest.approx(0.0032, rel=0.15)  # of both coordinates together
     # the noise it gives is twice what it saw, for a step of that length
     assert standard_deviations(np.array([found.way_m, 0.0, 0.0]), found.noise())[0] == pytest.approx(2 * found.sd_xy_m)
 
@@ -44,6 +44,23 @@ def test_noise_of_a_straight_drive_is_no_scale_of_turns() -> None:
     assert found.turn == 0.0
 
 
+def test_a_robot_that_drives_sideways_is_calibrated_alike() -> None:
+    """Its scale and drift are told by the way that it makes; what turns it per metre ahead it does not make."""
+    rng, n = np.random.default_rng(2), 2000
+    steps = np.stack([rng.normal(0, 0.003, n), np.full(n, 0.25), np.zeros(n)], axis=1)
+    known = steps + np.stack([-DRIFT * steps[:, 1], WAY * steps[:, 1], np.zeros(n)], axis=1)
+    known += rng.normal(0, [0.004, 0.004, 0.003], (n, 3))
+    found = calibrate(steps, known)
+    assert found is not None
+    assert (found.way, found.drift) == (pytest.approx(WAY, abs=5 * 0.0005), pytest.approx(DRIFT, abs=5 * 0.0005))
+    assert (found.turn_per_m, found.turn) == (0.0, 0.0)
+    assert found.way_m == pytest.approx(0.25, rel=0.01)
+    assert np.abs((found.corrected(steps) - known).mean(axis=0)).max() < 0.0005
+    assert found.sd_yaw_rad == pytest.approx(0.003, rel=0.1)
+
+
 def test_a_robot_at_rest_teaches_nothing() -> None:
     assert calibrate(np.zeros((100, 3)), np.zeros((100, 3))) is None
     assert calibrate(np.zeros((0, 3)), np.zeros((0, 3))) is None
+    noise = np.random.default_rng(3).normal(0, 0.003, (2, 500, 3))
+    assert calibrate(*noise) is None

@@ -7,15 +7,18 @@ import pytest
 
 from pfcli import run
 from pfcli.core.geometry import between, compose
+from pfcli.core.grid.scan_points import beams_of, points_of
 from pfcli.core.pose_graph import Edges
 from pfcli.params import build
 from pfcli.registry import system
 from pfcli.replay import Log, Settings
 from pfcli.report import metrics
+from pfcli.simulate.laser import cast
 from pfcli.systems.result import Frame
 from pfcli.systems.slam_gdr import smooth
-from pfcli.systems.slam_gdr.filter import _moved
+from pfcli.systems.slam_gdr.filter import _moved, _setup
 from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
+from pfcli.systems.slam_gdr.params import Params
 from tests.conftest import SAMPLES
 
 SLAM = system("slam-gdr")
@@ -167,8 +170,9 @@ def test_frames_move_with_the_poses_of_their_updates() -> None:
 
 
 def test_a_bent_path_is_straightened_by_what_the_robot_came_back_to(smoothed: Any) -> None:
-    """The path that the filter hands over, bent by 0.5 mrad a step: its loop is open by half a metre."""
-    _, (log, path, setup) = smoothed
+    """The path that the filter hands over, bent by 0.5 mrad a step, comes out as it does without."""
+    done, (log, path, setup) = smoothed
+    straight = done.result.track.poses[done.result.track.columns["update"]]
     bent = np.zeros_like(path)
     for k in range(len(path) - 1):
         step = between(path[k : k + 1], path[k + 1 : k + 2]) + np.array([0.002, 0.0, 0.0005])
@@ -177,10 +181,10 @@ def test_a_bent_path_is_straightened_by_what_the_robot_came_back_to(smoothed: An
     found = smooth.smooth(log, bent, setup).path
     assert found is not None
     for candidate in (bent, found.poses):
-        moved = metrics.compose(metrics.align_se2(candidate, path)[None], candidate)
-        ate.append(float(np.sqrt(((moved - path)[:, :2] ** 2).sum(axis=1).mean())))
+        moved = metrics.compose(metrics.align_se2(candidate, straight)[None], candidate)
+        ate.append(float(np.sqrt(((moved - straight)[:, :2] ** 2).sum(axis=1).mean())))
     assert ate[0] > 0.1
-    assert ate[1] < 0.015
+    assert ate[1] < 0.005
 
 
 def test_smoothed_covariances_say_how_far_off_the_track_is(smoothed: Any) -> None:
@@ -198,8 +202,8 @@ def test_smoothed_covariances_say_how_far_off_the_track_is(smoothed: Any) -> Non
     known = np.isfinite(there[:, 0])
     mine = between(done.result.track.poses[at][known][:1], done.result.track.poses[at][known])
     off = np.hypot(*(mine - between(there[known][:1], there[known]))[:, :2].T)
-    assert np.sqrt((off**2).mean()) < 2 * np.sqrt((sd[known] ** 2).mean())
-    assert sd.max() < 0.2
+    ratio = np.sqrt((off**2).mean()) / np.sqrt((sd[known] ** 2).mean())
+    assert 0.1 < ratio < 2
 
 
 def test_a_path_that_explains_the_scans_better_is_kept(smoothed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,6 +217,32 @@ def test_a_path_that_explains_the_scans_better_is_kept(smoothed: Any, monkeypatc
 
     monkeypatch.setattr(smooth, "_closures", wrong)
     assert smooth.smooth(log, path, setup).path is None
+
+
+def test_the_graph_is_told_along_and_across_the_way_whatever_the_heading() -> None:
+    """In a plain corridor a scan says nothing along the way; odometry, which says it, is worth 1 / (0.07 m)^2."""
+    bearings = np.radians(np.arange(-90.0, 90.5))
+    walls = np.array([[-100.0, -1.2, 100.0, -1.2], [-100.0, 1.3, 100.0, 1.3]])
+    seen = np.empty(bearings.size)
+    setup = _setup(Params())
+    setup = setup._replace(matcher=setup.matcher._replace(map_normals=True, tangent=0.0))
+    for heading in (0.0, np.pi / 2):
+        log, at = smooth.Log(), np.zeros(3)
+        # the chain begins along its x axis: the robot first turns on the spot, in a corridor that lies across
+        turns = [np.array([0.0, 0.0, heading / 6])] * (6 if heading else 0)
+        for step in (None, *turns, *([np.array([0.25, 0.0, 0.0])] * 40)):
+            if step is not None:
+                at = compose(at[None], step[None])[0]
+            x, y, yaw = (at[1], -at[0], at[2] - heading) if heading else at
+            cast(x, y, bearings + yaw, walls, np.zeros((0, 3)), 80.0, seen)
+            ends = points_of(seen, (bearings[0], np.radians(1)), (0.0, 30.0), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
+            log.add(beams_of(ends, (0.0, 0.0, 0.0)), step)
+        steps = np.array(log.steps)
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2]))])
+        chain = smooth._chained(log, steps, setup.noise, way, setup)
+        assert abs(chain.poses[-1, 2] - heading) < 0.01
+        along, across = np.median(chain.edges.information[-20:, [0, 1], [0, 1]], axis=0)
+        assert 100 < along < 3000 < 10_000 < across
 
 
 def test_what_a_match_does_not_tell_stays_untold() -> None:

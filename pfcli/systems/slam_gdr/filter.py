@@ -230,9 +230,9 @@ def finish(state: State, assets: None, params: Params) -> Result:
             path, covariance = found.path.poses, found.path.covariance()
             grid = grid_of(smooth.drawn(state.log, path, found.fits, params.resolution_m), 0)
         summary |= {"smoothed": found.path is not None, "closures": found.closures, "closures_used": found.used}
-        if found.calibration is not None:
+        if found.path is not None and found.calibration is not None:
             errors = found.calibration._asdict()
-            summary |= {f"odometry_{k}": round(errors[k], 4) for k in ("way", "drift", "turn_per_m", "turn")}
+            summary |= {f"odometry_{k}": round(errors[k], 4) + 0.0 for k in ("way", "drift", "turn_per_m", "turn")}
     return Result(history.track(path, covariance), grid or grid_of(state.maps, best), frames, summary)
 
 

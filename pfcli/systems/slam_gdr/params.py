@@ -10,6 +10,7 @@ from pfcli.systems.parameters import (
     DispersalCap,
     DisperseFirst,
     Resampler,
+    Smooth,
     SomeXyOfAnyStep,
     SomeYawOfAnyStep,
     Sort,
@@ -71,6 +72,4 @@ class Params:
     motion_yaw_per_rad: YawPerRad = 0.2
     motion_yaw_per_m_rad: YawPerM = 0.05
     motion_yaw_rad: SomeYawOfAnyStep = 0.02
-    smooth: Annotated[
-        bool, Opt("track and map as the whole log knows them: relaxed over all places that were come back to")
-    ] = False
+    smooth: Smooth = False

@@ -31,6 +31,8 @@ _SIGMAS, _SURE_M, _WIDEST_M = 2.5, 0.3, 5.0
 third not at all, for there one corridor may be taken for another."""
 _START_M, _YAW_RAD = 1.0, 0.3
 """The same at the start, on the filter's path, and half width of the search for the heading."""
+_MOST = 4
+"""Earlier visits that a scan is matched against, at most."""
 _EVERY_M = (2.0, 1.0, 1.0)
 """One scan in so much way is matched against earlier visits: in the first round, that calibrates the odometry, in the second,
 that finds what lies too far off without, and in the last, for accuracy."""
@@ -116,7 +118,7 @@ def smooth(log: Log, given: NDArray[np.float64], setup: Setup) -> Smoothed:
         calibration = calibrate(steps, between(relaxed.poses[:-1], relaxed.poses[1:]))
     for _ in range(_POLISH):
         relaxed = relaxed._replace(poses=_polished(log, relaxed.poses, chain.fits, setup))
-    better = _explained(log, relaxed.poses, chain.fits, setup) > _explained(log, given, chain.fits, setup)
+    better = _explained(log, relaxed.poses, chain.fits, way, setup) > _explained(log, given, chain.fits, way, setup)
     used = int((relaxed.weights > 0.25).sum())
     return Smoothed(relaxed if better else None, chain.fits, closures.first.size, used, calibration)
 
@@ -143,14 +145,17 @@ def _polished(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], set
     return out
 
 
-def _explained(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], setup: Setup) -> float:
-    """Mean log likelihood of an end point in the map that all scans draw together."""
-    maps, m = drawn(log, poses, fits, setup.resolution_m), setup.matcher
+def _explained(
+    log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], way: NDArray[np.float64], setup: Setup
+) -> float:
+    """Mean log likelihood of an end point in a map of scans from other parts of the way: its own fits wherever it is drawn."""
+    m, part = setup.matcher, np.floor(way / _APART_M).astype(np.int64) % 2
+    maps = [drawn(log, poses, fits & (part == other), setup.resolution_m) for other in (1, 0)]
     total, count = 0.0, 0
-    for scan, pose in zip(log.scans, poses, strict=True):
+    for scan, pose, mine in zip(log.scans, poses, part, strict=True):
         ends = _ends(scan)
         normals = scan_normals(ends, m.beam_width_rad / m.sigma_m)
-        total += float(scan_match.log_likelihood(maps, 0, pose, ends, normals, m.sigma_m, m, 1))
+        total += float(scan_match.log_likelihood(maps[mine], 0, pose, ends, normals, m.sigma_m, m, 1))
         count += ends.shape[0]
     return total / max(1, count)
 
@@ -192,6 +197,13 @@ def _softened(information_of: NDArray[np.float64], sd: tuple[float, float, float
     return np.asarray(np.linalg.inv(covariance + np.diag(np.square(sd))))
 
 
+def _seen_from(headings: NDArray[np.float64], information_of: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Information (e, 3, 3) in the map frame as in the frames of poses with such headings (e,)."""
+    cos, sin, turn = np.cos(headings), np.sin(headings), np.zeros((headings.size, 3, 3))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, -sin, sin, cos, 1.0
+    return np.asarray(turn.swapaxes(1, 2) @ information_of @ turn)
+
+
 def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np.float64], setup: Setup) -> _Chain:
     """Match each scan against the map of the way behind it: at least `_WAY_M` of it, at most twice as much.
 
@@ -221,57 +233,75 @@ def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np
         if newer is not None and way[k] - since >= 2 * _WAY_M:
             older, newer, since = newer, None, way[k] - _WAY_M
     first = np.arange(way.size - 1)
-    return _Chain(
-        poses, fits, Edges(first, first + 1, between(poses[:-1], poses[1:]), _softened(information_of, _STEP_SD))
-    )
+    told = _softened(_seen_from(poses[:-1, 2], information_of), _STEP_SD)
+    return _Chain(poses, fits, Edges(first, first + 1, between(poses[:-1], poses[1:]), told))
 
 
 def _none() -> Edges:
     return Edges(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
 
 
-def _closures(
-    log: Log, relaxed: Relaxed, chain: _Chain, way: NDArray[np.float64], setup: Setup, every_m: float
-) -> Edges:
-    """Matches with earlier visits."""
-    path = relaxed.poses
+class _Visits(NamedTuple):
+    """Pairs of scans to match, sorted by map: second (p,), first (p,) the nearest pose of an earlier visit, middle (p,) of the
+    way whose scans make the map (m), half (p,), how far off it may be (m)."""
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    middle: NDArray[np.float64]
+    half: NDArray[np.float64]
+
+
+def _visits(relaxed: Relaxed, way: NDArray[np.float64], every_m: float) -> _Visits:
+    """What to match: of each scan that is asked the nearest `_MOST` visits, however often the robot comes by."""
+    path, rows = relaxed.poses, []
     asked = np.flatnonzero(np.diff(np.floor(way / every_m), prepend=-1.0) > 0)
-    first, second, measured, information_of = [], [], [], []
     for middle in np.arange(_WAY_M / 2, way[-1] - _APART_M, _WAY_M):
         visit = np.flatnonzero(np.abs(way - middle) <= _WAY_M)
         later = asked[way[asked] > middle + _WAY_M + _APART_M]
         if visit.size == 0 or later.size == 0:
             continue
+        away = np.hypot(*(path[later, :2] - path[visit[visit.size // 2], :2]).T)
+        later = later[away < _NEAR_M + _WIDEST_M + 2 * _WAY_M]
         square = ((path[later, None, :2] - path[None, visit, :2]) ** 2).sum(axis=2)
         nearest = visit[square.argmin(axis=1)]
         half = np.full(later.size, _START_M)
         if relaxed.draws.size:
             half = np.maximum(_SIGMAS * relaxed.relative_sd(nearest, later)[:, 0], _SURE_M)
-        # each earlier pose lies in the middle of one such map
-        chosen = (half <= _WIDEST_M) & (square.min(axis=1) < (_NEAR_M + half) ** 2)
-        chosen &= np.abs(way[nearest] - middle) <= _WAY_M / 2
-        if not chosen.any():
-            continue
-        maps = tiles.empty(1, setup.resolution_m)
-        for k in visit[chain.fits[visit]].tolist():
-            maps = _draw(maps, chain.poses[k], log.scans[k])
-        for j, i, h in zip(nearest[chosen], later[chosen], half[chosen], strict=True):
-            prior = compose(chain.poses[j : j + 1], between(path[j : j + 1], path[i : i + 1]))
-            ends, elsewhere = _ends(log.scans[i]), _NOWHERE
-            if h > _SURE_M:
-                window = setup.window._replace(half_xy_m=float(h), half_yaw_rad=_YAW_RAD)
-                elsewhere = _elsewhere(maps, prior[0], ends, window, setup)
-            around = np.diag([h**-2, h**-2, _YAW_RAD**-2])
-            match = _match(maps, prior, around, ends, elsewhere, setup)
-            if match.inliers[0] >= _FITS and scan_match.known_share(maps, 0, match.pose[0], ends) >= _KNOWN:
-                first.append(j)
-                second.append(i)
-                measured.append(between(chain.poses[j : j + 1], match.pose)[0])
-                # where it was looked for is no evidence
-                information_of.append(match.information[0] - around)
-    return Edges(
-        np.array(first, np.int64),
-        np.array(second, np.int64),
-        np.array(measured).reshape(-1, 3),
-        _softened(np.array(information_of).reshape(-1, 3, 3), _CLOSURE_SD),
-    )
+        far = np.sqrt(square.min(axis=1))
+        # each earlier pose lies in the middle of one map
+        near = (half <= _WIDEST_M) & (far < _NEAR_M + half) & (np.abs(way[nearest] - middle) <= _WAY_M / 2)
+        rows.append(np.stack([later, nearest, np.full(later.size, middle), half, far], axis=1)[near])
+    pairs = np.concatenate(rows) if rows else np.empty((0, 5))
+    pairs = pairs[np.lexsort((pairs[:, 4], pairs[:, 0]))]
+    start = np.searchsorted(pairs[:, 0], pairs[:, 0])
+    pairs = pairs[np.arange(len(pairs)) - start < _MOST]
+    pairs = pairs[np.argsort(pairs[:, 2], kind="stable")]
+    return _Visits(pairs[:, 1].astype(np.int64), pairs[:, 0].astype(np.int64), pairs[:, 2], pairs[:, 3])
+
+
+def _closures(
+    log: Log, relaxed: Relaxed, chain: _Chain, way: NDArray[np.float64], setup: Setup, every_m: float
+) -> Edges:
+    """Matches with earlier visits."""
+    path, pairs, drawn_at = relaxed.poses, _visits(relaxed, way, every_m), np.nan
+    kept, measured, information_of = [], [], []
+    for p, (j, i, middle, half) in enumerate(zip(*pairs, strict=True)):
+        if middle != drawn_at:
+            maps, drawn_at = tiles.empty(1, setup.resolution_m), middle
+            for k in np.flatnonzero((np.abs(way - middle) <= _WAY_M) & chain.fits).tolist():
+                maps = _draw(maps, chain.poses[k], log.scans[k])
+        prior = compose(chain.poses[j : j + 1], between(path[j : j + 1], path[i : i + 1]))
+        ends, elsewhere = _ends(log.scans[i]), _NOWHERE
+        if half > _SURE_M:
+            window = setup.window._replace(half_xy_m=float(half), half_yaw_rad=_YAW_RAD)
+            elsewhere = _elsewhere(maps, prior[0], ends, window, setup)
+        around = np.diag([half**-2, half**-2, _YAW_RAD**-2])
+        match = _match(maps, prior, around, ends, elsewhere, setup)
+        if match.inliers[0] >= _FITS and scan_match.known_share(maps, 0, match.pose[0], ends) >= _KNOWN:
+            kept.append(p)
+            measured.append(between(chain.poses[j : j + 1], match.pose)[0])
+            # where it was looked for is no evidence
+            information_of.append(match.information[0] - around)
+    first, second = pairs.first[kept], pairs.second[kept]
+    told = _seen_from(chain.poses[first, 2], np.array(information_of).reshape(-1, 3, 3))
+    return Edges(first, second, np.array(measured).reshape(-1, 3), _softened(told, _CLOSURE_SD))

@@ -10,6 +10,7 @@ from pfcli.systems.parameters import (
     DispersalCap,
     DisperseFirst,
     Resampler,
+    Smooth,
     SomeXyOfAnyStep,
     SomeYawOfAnyStep,
     Sort,
@@ -61,7 +62,7 @@ class Params:
             1_000_000,
         ),
     ] = 10
-    smooth: Annotated[bool, Opt("the track that is most probable afterwards, with its landmarks")] = False
+    smooth: Smooth = False
     calibrate: Annotated[
         bool, Opt("learn how far the scales of ranges, ways and turns are off, whenever particles are drawn anew")
     ] = False
