@@ -120,11 +120,7 @@ def csail_doubled(done: run.Run) -> tuple[float, float]:
         for r in shared:
             assert r.ranges_m is not None
             points = points_of(r.ranges_m, r.angles, (0.0, 81.0), r.mount, 1, 0.0, 0.05)
-            pose, reach = np.array([poses[r.stamp]]), 83.0
-            maps = tiles.cover(maps, pose[0, :2] - reach, pose[0, :2] + reach)
-            beams = beams_of(points, r.mount)
-            maps = tiles.own(maps, tiles.touch(maps, pose, beams))
-            tiles.insert(maps, pose, np.ones(1, bool), beams)
+            maps = tiles.draw(maps, np.array([poses[r.stamp]]), np.ones(1, bool), beams_of(points, r.mount))
         scores.append(metrics.doubled_walls(grid_of(maps, 0)))
     return scores[0], scores[1]
 

@@ -78,7 +78,7 @@ def relax(
         return Relaxed(poses, off, np.ones(doubtful.first.size))
     for _ in range(_ITERATIONS):
         linear, weights, farthest = _linearise(poses, edges, known, scale)
-        step = _factor(linear, edges, poses.shape[0]).solve(-_gradient(linear, edges, linear.residual, poses.shape[0]))
+        step = _factor(linear, edges, poses.shape[0]).solve(-_gradient(linear, edges, poses.shape[0]))
         poses[1:] += step.reshape(-1, 3)
         poses[:, 2] = wrap(poses[:, 2])
         if scale == 1.0 and np.abs(step).max() < _ENOUGH:
@@ -119,8 +119,8 @@ def _linearise(
     )
 
 
-def _gradient(linear: _Linear, edges: Edges, residual: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    return _pulled(linear, edges, np.einsum("eij,ej->ei", linear.information, residual), n)
+def _gradient(linear: _Linear, edges: Edges, n: int) -> NDArray[np.float64]:
+    return _pulled(linear, edges, np.einsum("eij,ej->ei", linear.information, linear.residual), n)
 
 
 def _pulled(linear: _Linear, edges: Edges, force: NDArray[np.float64], n: int) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pfcli.core.geometry import compose
-from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid import coarse_search, scan_match, tiles
 from pfcli.core.grid.normals import scan_normals
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.simulate.laser import cast
@@ -47,15 +47,14 @@ def room() -> tiles.Tiles:
     ):
         pose = np.array([[x, y, yaw]])
         beams = beams_of(_points(_scan(pose[0], rng)), (0.0, 0.0, 0.0))
-        maps = tiles.own(maps, tiles.touch(maps, pose, beams))
-        tiles.insert(maps, pose, np.ones(1, bool), beams)
+        maps = tiles.draw(maps, pose, np.ones(1, bool), beams)
     return maps
 
 
 def _match(room: tiles.Tiles, prior: np.ndarray, points: np.ndarray, sd: tuple[float, float]) -> scan_match.Match:
     information = np.diag([sd[0] ** -2, sd[0] ** -2, sd[1] ** -2])
-    window = scan_match.Window(0.3, 0.35, 0.15, 0.035, 0.12)
-    offered = scan_match.coarse(room, 0, prior, points[::5].copy(), window, 0.005)
+    window = coarse_search.Window(0.3, 0.35, 0.15, 0.035, 0.12, 55, 0.005)
+    offered = coarse_search.coarse(room, 0, prior, points[::5].copy(), window)
     return scan_match.match(room, prior[None], information, offered[None], points, scan_match.Matcher())
 
 
@@ -94,8 +93,7 @@ def test_along_a_corridor_the_odometry_decides() -> None:
         cast(x, 0.0, ANGLES, walls, np.zeros((0, 3)), 6.0, ranges)
         points = points_of(ranges, (ANGLES[0], ANGLES[1] - ANGLES[0]), (0.0, 5.9), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
         beams, pose = beams_of(points, (0.0, 0.0, 0.0)), np.array([[x, 0.0, 0.0]])
-        maps = tiles.own(maps, tiles.touch(maps, pose, beams))
-        tiles.insert(maps, pose, np.ones(1, bool), beams)
+        maps = tiles.draw(maps, pose, np.ones(1, bool), beams)
     cast(0.11, 0.02, ANGLES, walls, np.zeros((0, 3)), 6.0, ranges)
     noisy = ranges + 0.005 * rng.standard_normal(ranges.size)
     points = points_of(noisy, (ANGLES[0], ANGLES[1] - ANGLES[0]), (0.0, 5.9), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
@@ -147,27 +145,27 @@ def test_a_scan_on_unknown_map_keeps_the_odometry() -> None:
 
 def test_a_search_that_gives_poses_up_early_finds_what_one_without_does(room: tiles.Tiles) -> None:
     rng = np.random.default_rng(8)
-    window = scan_match.Window(0.3, 0.35, 0.15, 0.035, 0.12)
-    table = scan_match._likelihoods(room.resolution_m / window.sigma_m)
+    window = coarse_search.Window(0.3, 0.35, 0.15, 0.035, 0.12, 55, 0.005)
+    table = coarse_search._likelihoods(room.resolution_m / window.sigma_m)
     found = 0
     for count in (0, 1, 7, 8, 9, 50, 50, 50, 50):
         true = np.array([rng.uniform(3.2, 4.8), rng.uniform(1.8, 3.2), rng.uniform(-3, 3)])
         start = true + rng.normal(0, [0.15, 0.15, 0.15])
         points = _points(_scan(true, rng)).ends[:: 271 // max(1, count)][:count].copy()
         rotated = np.empty(points.shape)
-        scan_match._turned(points, start[2], 20.0, rotated)
-        before = scan_match._coarse_score(room, 0, start[0], start[1], rotated, table, -1.0)
+        coarse_search._turned(points, start[2], 20.0, rotated)
+        before = coarse_search._coarse_score(room, 0, start[0], start[1], rotated, table, -1.0)
         best, expected = before + 0.005, np.zeros(3)
         for a in range(-10, 11):
-            scan_match._turned(points, start[2] + 0.035 * a, 20.0, rotated)
+            coarse_search._turned(points, start[2] + 0.035 * a, 20.0, rotated)
             for dx, dy in itertools.product(0.15 * np.arange(-2, 3), repeat=2):
                 c, s = np.cos(start[2]), np.sin(start[2])
                 x, y = start[0] + c * dx - s * dy, start[1] + s * dx + c * dy
                 penalty = 0.03 * ((dx * dx + dy * dy) / (2 * 0.3**2) + (0.035 * a / 0.35) ** 2)
-                score = scan_match._coarse_score(room, 0, x, y, rotated, table, -1.0) - penalty
+                score = coarse_search._coarse_score(room, 0, x, y, rotated, table, -1.0) - penalty
                 if score > best:
                     best, expected = score, np.array([dx, dy, 0.035 * a])
-        assert scan_match.coarse(room, 0, start, points, window, 0.005) == pytest.approx(expected)
+        assert coarse_search.coarse(room, 0, start, points, window) == pytest.approx(expected)
         found += expected.any()
     assert found >= 4
 

@@ -13,8 +13,16 @@ _FLAT = 0.1
 
 
 @inline_kernel
-def _fit(count, sx, sy, sxx, sxy, syy):  # type: ignore[no-untyped-def]
+def _add(sums, dx, dy):  # type: ignore[no-untyped-def]
+    """Count, sums and sums of products of points, with one more."""
+    count, sx, sy, sxx, sxy, syy = sums
+    return count + 1, sx + dx, sy + dy, sxx + dx * dx, sxy + dx * dy, syy + dy * dy
+
+
+@inline_kernel
+def _fit(sums):  # type: ignore[no-untyped-def]
     """Unit normal of the line through points, given their sums, and whether they are a line."""
+    count, sx, sy, sxx, sxy, syy = sums
     mx, my = sx / count, sy / count
     cxx, cxy, cyy = sxx / count - mx * mx, sxy / count - mx * my, syy / count - my * my
     half, root = (cxx + cyy) / 2, np.hypot((cxx - cyy) / 2, cxy)
@@ -40,24 +48,19 @@ def scan_normals(points, blur):  # type: ignore[no-untyped-def]
         reach2 = x0 * x0 + y0 * y0
         edge2, wide2 = max(0.01, _GAP * _GAP * reach2), _REACH_M * _REACH_M
         out[b, 3] = 1.0
-        count, sx, sy, sxx, sxy, syy = 1, 0.0, 0.0, 0.0, 0.0, 0.0
+        sums = (1, 0.0, 0.0, 0.0, 0.0, 0.0)
         for side in (-1, 1):
             k, px, py = b + side, x0, y0
             while 0 <= k < n and abs(k - b) <= 12:
                 dx, dy, gx, gy = points[k, 0] - x0, points[k, 1] - y0, points[k, 0] - px, points[k, 1] - py
                 if gx * gx + gy * gy > edge2 or (abs(k - b) > 1 and dx * dx + dy * dy > wide2):
                     break
-                count += 1
-                sx += dx
-                sy += dy
-                sxx += dx * dx
-                sxy += dx * dy
-                syy += dy * dy
+                sums = _add(sums, dx, dy)
                 px, py = points[k]
                 k += side
-        if count < 3:
+        if sums[0] < 3:
             continue
-        nx, ny, line = _fit(count, sx, sy, sxx, sxy, syy)
+        nx, ny, line = _fit(sums)
         if not line:
             continue
         out[b, 0], out[b, 1], out[b, 2] = nx, ny, 1.0
@@ -73,7 +76,7 @@ def map_normal(tiles, i, mx, my):  # type: ignore[no-untyped-def]
     Returns (x, y, 2); (1, 0, 1) where the occupied cells around are no line, (1, 0, 0) where there are fewer than three.
     """
     cx, cy = int(np.floor(mx)), int(np.floor(my))
-    count, sx, sy, sxx, sxy, syy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    sums = (0, 0.0, 0.0, 0.0, 0.0, 0.0)
     _, rows, columns = tiles.index.shape
     for y in range(max(0, cy - _CELLS), min(rows * SIDE, cy + _CELLS + 1)):
         for x in range(max(0, cx - _CELLS), min(columns * SIDE, cx + _CELLS + 1)):
@@ -85,13 +88,8 @@ def map_normal(tiles, i, mx, my):  # type: ignore[no-untyped-def]
             if mean_x == FREE:
                 continue
             dx, dy = x + mean_x * STEP - mx, y + tiles.surface[tile, cell, MEAN_Y] * STEP - my
-            count += 1
-            sx += dx
-            sy += dy
-            sxx += dx * dx
-            sxy += dx * dy
-            syy += dy * dy
-    if count < 3:
+            sums = _add(sums, dx, dy)
+    if sums[0] < 3:
         return 1.0, 0.0, 0
-    nx, ny, line = _fit(count, sx, sy, sxx, sxy, syy)
+    nx, ny, line = _fit(sums)
     return nx, ny, 2 if line else 1

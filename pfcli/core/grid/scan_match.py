@@ -1,12 +1,10 @@
 """Scan matching against each particle's own map: Gauss-Newton on point-to-line residuals with a motion prior.
 
 The normals come from the scan, once for all particles, or where it tells none and it is asked for, from the map; the
-surface points are the mean end points of occupied cells, so the match is not quantised by the grid. A correlative
-search stands in front where the refinement fails (wheel slip, a pushed robot).
+surface points are the mean end points of occupied cells, so the match is not quantised by the grid. `coarse_search`
+offers a second start where the refinement fails (wheel slip, a pushed robot).
 """
 
-import functools
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +12,12 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import cholesky3, solve3, wrap
 from pfcli.core.grid.normals import map_normal, scan_normals
-from pfcli.core.grid.tiles import BITS, REACH, SIDE, Tiles, nearest_surface, squared_distance
+from pfcli.core.grid.tiles import SIDE, Tiles, nearest_surface
 from pfcli.core.jit import inline_kernel, kernel, put, reduction_kernel
 from pfcli.core.threads import spread
 
 _SLIPPED = 2.0
 """A pose counts as slipped where the uniform part is half of the motion prior or more."""
-_ASK = 8
-"""After so many end points a coarse score is asked whether it can still become the best; every so many-th comes first."""
 _CONVERGED, _SAME = 1e-3, 2e-3
 """A step (m, a radian counts two) after which a match stands still, and within which two matches are the same."""
 
@@ -249,104 +245,6 @@ def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
     )
     gauss = np.exp(0.5 * cholesky3(information, np.zeros((3, 3))) - 0.5 * q) / (2 * np.pi) ** 1.5
     return np.log((1 - m.slip) * gauss + m.slip / _volume(m))
-
-
-@kernel
-def _coarse_score(tiles, i, x, y, rotated, likelihood, least):  # type: ignore[no-untyped-def]
-    """Mean likelihood of end points by their distance to the nearest occupied cell; unknown cells count a third.
-
-    Given up with -1 as soon as the rest cannot bring it above `least`.
-    """
-    per_cell = 1.0 / tiles.resolution_m
-    ox, oy = x * per_cell - tiles.corner[0] * SIDE, y * per_cell - tiles.corner[1] * SIDE
-    n = rotated.shape[0]
-    total, needed = 0.0, least * n
-    for b in range(n):
-        if b % _ASK == 0 and total + (n - b) <= needed:
-            return -1.0
-        ix, iy = int(np.floor(rotated[b, 0] + ox)), int(np.floor(rotated[b, 1] + oy))
-        tx, ty = ix >> BITS, iy >> BITS
-        if tx < 0 or ty < 0 or tx >= tiles.index.shape[2] or ty >= tiles.index.shape[1]:
-            total += 0.3
-            continue
-        tile = tiles.index[i, ty, tx]
-        if tile < 0:
-            total += 0.3
-            continue
-        at, cell = np.uintp(tile), np.uintp(((iy & (SIDE - 1)) << BITS) | (ix & (SIDE - 1)))
-        square = squared_distance(tiles, at, cell)
-        if square <= REACH * REACH:
-            total += likelihood[square]
-        elif tiles.counts[at, cell] == 0:
-            total += 0.3
-    return total / n
-
-
-class Window(NamedTuple):
-    """A correlative search: half widths and steps (m, rad), and the spread of an end point at that grain (m)."""
-
-    half_xy_m: float
-    half_yaw_rad: float
-    step_xy_m: float
-    step_yaw_rad: float
-    sigma_m: float
-
-
-@kernel
-def _turned(points, yaw, per_cell, out):  # type: ignore[no-untyped-def]
-    """End points seen from a pose of that heading, in cells. Far from each other in the scan come first, so that a few tell."""
-    cos, sin = np.cos(yaw) * per_cell, np.sin(yaw) * per_cell
-    k = 0
-    for first in range(_ASK):
-        for b in range(first, points.shape[0], _ASK):
-            out[k, 0] = cos * points[b, 0] - sin * points[b, 1]
-            out[k, 1] = sin * points[b, 0] + cos * points[b, 1]
-            k += 1
-
-
-@kernel
-def _search(tiles, i, start, points, window, table, gain, correction):  # type: ignore[no-untyped-def]
-    """Writes the correction (3,) to the best penalised score, zero where none is better than the start by `gain`."""
-    half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
-    n_xy = int(np.ceil(window.half_xy_m / window.step_xy_m))
-    per_cell = 1.0 / tiles.resolution_m
-    cos0, sin0 = np.cos(start[2]), np.sin(start[2])
-    rotated = np.empty(points.shape)
-    _turned(points, start[2], per_cell, rotated)
-    before = _coarse_score(tiles, i, start[0], start[1], rotated, table, 0.0)
-    best = before + gain
-    correction[:] = 0.0
-    for a in range(-half, half + 1):
-        turn = a * window.step_yaw_rad
-        _turned(points, start[2] + turn, per_cell, rotated)
-        for jx in range(-n_xy, n_xy + 1):
-            for jy in range(-n_xy, n_xy + 1):
-                dx, dy = jx * window.step_xy_m, jy * window.step_xy_m
-                x, y = start[0] + cos0 * dx - sin0 * dy, start[1] + sin0 * dx + cos0 * dy
-                penalty = 0.03 * ((dx * dx + dy * dy) / (2.0 * window.half_xy_m**2) + (turn / window.half_yaw_rad) ** 2)
-                score = _coarse_score(tiles, i, x, y, rotated, table, best + penalty) - penalty
-                if score > best:
-                    best = score
-                    correction[0], correction[1], correction[2] = dx, dy, turn
-
-
-@functools.cache
-def _likelihoods(cells: float) -> NDArray[np.float64]:
-    """exp(-d^2 / 2) by squared distance in cells, each `cells` standard deviations wide."""
-    return np.array([math.exp(-0.5 * k * cells * cells) for k in range(REACH * REACH + 1)])
-
-
-def coarse(
-    tiles: Tiles, i: int, start: NDArray[np.float64], points: NDArray[np.float64], window: Window, gain: float
-) -> NDArray[np.float64]:
-    """Correlative search around `start` in the map of particle i.
-
-    Returns the correction (3,) in the frame of `start` (m, rad) to the pose of the best score; zero where none is better than
-    that of `start` by `gain`.
-    """
-    correction = np.empty(3)
-    _search(tiles, i, start, points, window, _likelihoods(tiles.resolution_m / window.sigma_m), gain, correction)
-    return correction
 
 
 @kernel

@@ -25,13 +25,13 @@ class Calibration(NamedTuple):
     """Scale of ways (added to 1), drift to the left of the way (m per m: the heading of the mount), turn per way ahead (rad/m),
     scale of turns (added to 1); sd_xy_m, sd_yaw_rad: what remains of a step of length way_m."""
 
-    way: float = 0.0
-    drift: float = 0.0
-    turn_per_m: float = 0.0
-    turn: float = 0.0
-    sd_xy_m: float = 0.0
-    sd_yaw_rad: float = 0.0
-    way_m: float = 0.0
+    way: float
+    drift: float
+    turn_per_m: float
+    turn: float
+    sd_xy_m: float
+    sd_yaw_rad: float
+    way_m: float
 
     def corrected(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Steps (n, 3) without what odometry errs by always (m, m, rad)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid.coarse_search import Window, coarse
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
 from pfcli.core.weights import effective_sample_size, normalize
@@ -27,11 +28,9 @@ from pfcli.systems.slam_gdr.history import History
 from pfcli.systems.slam_gdr.kernels import covariance, sample_proposal
 from pfcli.systems.slam_gdr.params import Params
 
-_COARSE_BEAMS = 50
-_COARSE_STEPS = (0.15, 0.035, 0.12)
-"""Steps (m, rad) and end point spread (m) of the coarse search; a beam count at which it still sees a room."""
-_COARSE_GAIN = 0.005
-"""A correction is worth a second start from this much more mean likelihood on: else odometry is as good."""
+_COARSE = (0.15, 0.035, 0.12, 50, 0.005)
+"""Steps (m, rad) and end point spread (m) of the coarse search; a beam count at which it still sees a room; the gain from
+which on a correction is worth a second start: else odometry is as good."""
 
 
 class Info(NamedTuple):
@@ -137,8 +136,9 @@ def _update(
     beams = beams_of(points, sweep.scan.mount)
     if params.smooth:
         state.log.add(beams, moved)
-    state = state._replace(maps=tiles.draw(state.maps, state.pose, fits[ancestors], beams))
-    state = state._replace(resamplings=state.resamplings + resampled)
+    # section 2.2, step 6: at the dispersed poses; a scan that contradicts a particle's map is left out of it
+    maps = tiles.draw(state.maps, state.pose, fits[ancestors], beams)
+    state = state._replace(maps=maps, resamplings=state.resamplings + resampled)
     spread_of = covariance(state.pose)
     state.history.update(state.pose, ancestors, spread_of)
     state.frames.offer(sweep.stamp_ns, state.pose[int(np.argmax(state.score))], state.pose, points.ends)
@@ -167,12 +167,9 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
     noise, matcher = noise_of(params), _matcher(params)
     predicted = compose(state.pose, moved.reshape(1, 3))
     prior = information(moved, noise)
-    thinned = points.ends[:: max(1, points.ends.shape[0] // _COARSE_BEAMS)].copy()
     near = _near(params)
     lead = int(np.argmax(state.score))
-    corrections = np.tile(
-        scan_match.coarse(state.maps, lead, predicted[lead], thinned, near, _COARSE_GAIN), (params.particles, 1)
-    )
+    corrections = np.tile(coarse(state.maps, lead, predicted[lead], points.ends, near), (params.particles, 1))
     match = scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
     lost = np.flatnonzero((match.inliers >= 0.0) & (match.inliers < params.rescue_inliers))
     if lost.size == 0:
@@ -180,7 +177,7 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
     # the loop was missed or a wheel has slipped: such particles look around in their own map, farther
     wide = near._replace(half_xy_m=params.rescue_xy_m)
     for i in lost.tolist():
-        corrections[i] = scan_match.coarse(state.maps, i, predicted[i], thinned, wide, _COARSE_GAIN)
+        corrections[i] = coarse(state.maps, i, predicted[i], points.ends, wide)
     return scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
 
 
@@ -195,8 +192,8 @@ def _matcher(params: Params) -> scan_match.Matcher:
     )
 
 
-def _near(params: Params) -> scan_match.Window:
-    return scan_match.Window(params.coarse_xy_m, float(np.radians(params.coarse_yaw_deg)), *_COARSE_STEPS)
+def _near(params: Params) -> Window:
+    return Window(params.coarse_xy_m, float(np.radians(params.coarse_yaw_deg)), *_COARSE)
 
 
 def _resample(
@@ -240,8 +237,6 @@ def _setup(params: Params) -> smooth.Setup:
     return smooth.Setup(
         _matcher(params),
         _near(params),
-        _COARSE_GAIN,
-        _COARSE_BEAMS,
         noise_of(params),
         params.resolution_m,
         params.draw_inliers,

@@ -2,7 +2,8 @@
 
 Three things are matched anew, against maps of a few metres of way, whose shape odometry and scans have hardly bent: each scan
 against the map of the way just behind it, and against those of earlier visits; the odometry is calibrated on what comes
-out. A pose graph holds them together (`core.pose_graph`). The path is taken only where its map explains the scans better.
+out. A pose graph holds them together (`core.pose_graph`). The path is taken only where scans
+fit better into what other parts of the way drew.
 """
 
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid.coarse_search import Window, coarse
 from pfcli.core.grid.normals import scan_normals
 from pfcli.core.motion.calibration import Calibration, calibrate
 from pfcli.core.motion.odometry import Noise, information
@@ -52,13 +54,11 @@ _NOWHERE = np.zeros(3)
 
 
 class Setup(NamedTuple):
-    """What the filter matches with: matcher, coarse search, its gain and beams, noise of the odometry, cell (m), share of end
-    points on surfaces below which a scan is not drawn."""
+    """What the filter matches with: matcher, coarse search, noise of the odometry, cell (m), share of end points on surfaces
+    below which a scan is not drawn."""
 
     matcher: scan_match.Matcher
-    window: scan_match.Window
-    coarse_gain: float
-    coarse_beams: int
+    window: Window
     noise: Noise
     resolution_m: float
     draw_inliers: float
@@ -123,13 +123,13 @@ def smooth(log: Log, given: NDArray[np.float64], setup: Setup) -> Smoothed:
     return Smoothed(relaxed if better else None, chain.fits, closures.first.size, used, calibration)
 
 
-def _relaxed(path: NDArray[np.float64], chain: "_Chain", closures: Edges) -> Relaxed:
+def _relaxed(path: NDArray[np.float64], chain: _Chain, closures: Edges) -> Relaxed:
     # the end has no seed of its own, and needs none
     return relax(path, chain.edges, closures, rng_for(0, Purpose.SMOOTH, 0), _DRAWS)
 
 
 def drawn(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], resolution_m: float) -> tiles.Tiles:
-    """The map of all scans that fit (t,) at poses (t, 3)."""
+    """The map of the scans chosen by `fits` (t,) at poses (t, 3)."""
     maps = tiles.empty(1, resolution_m)
     for k in np.flatnonzero(fits).tolist():
         maps = _draw(maps, poses[k], log.scans[k])
@@ -167,14 +167,6 @@ def _draw(maps: tiles.Tiles, pose: NDArray[np.float64], scan: tiles.Beams) -> ti
 def _ends(scan: tiles.Beams) -> NDArray[np.float64]:
     """End points on surfaces, which come first."""
     return scan.ends[: int(scan.hit.sum())]
-
-
-def _elsewhere(
-    maps: tiles.Tiles, pose: NDArray[np.float64], ends: NDArray[np.float64], window: scan_match.Window, setup: Setup
-) -> NDArray[np.float64]:
-    """What a coarse search adds to a pose (3,); zeros where nothing is better."""
-    thinned = ends[:: max(1, ends.shape[0] // setup.coarse_beams)].copy()
-    return scan_match.coarse(maps, 0, pose, thinned, window, setup.coarse_gain)
 
 
 def _match(
@@ -216,7 +208,7 @@ def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np
         ends = _ends(log.scans[k])
         known = information(steps[k - 1], noise)
         match = _match(older, prior, known, ends, _NOWHERE, setup)
-        elsewhere = _elsewhere(older, prior[0], ends, setup.window, setup)
+        elsewhere = coarse(older, 0, prior[0], ends, setup.window)
         if elsewhere.any():
             # the wheels may have slipped: then odometry is as bad as the parameters allow, or says nothing
             other = _match(older, prior, information(steps[k - 1], setup.noise), ends, elsewhere, setup)
@@ -287,14 +279,13 @@ def _closures(
     kept, measured, information_of = [], [], []
     for p, (j, i, middle, half) in enumerate(zip(*pairs, strict=True)):
         if middle != drawn_at:
-            maps, drawn_at = tiles.empty(1, setup.resolution_m), middle
-            for k in np.flatnonzero((np.abs(way - middle) <= _WAY_M) & chain.fits).tolist():
-                maps = _draw(maps, chain.poses[k], log.scans[k])
+            part = chain.fits & (np.abs(way - middle) <= _WAY_M)
+            maps, drawn_at = drawn(log, chain.poses, part, setup.resolution_m), middle
         prior = compose(chain.poses[j : j + 1], between(path[j : j + 1], path[i : i + 1]))
         ends, elsewhere = _ends(log.scans[i]), _NOWHERE
         if half > _SURE_M:
             window = setup.window._replace(half_xy_m=float(half), half_yaw_rad=_YAW_RAD)
-            elsewhere = _elsewhere(maps, prior[0], ends, window, setup)
+            elsewhere = coarse(maps, 0, prior[0], ends, window)
         around = np.diag([half**-2, half**-2, _YAW_RAD**-2])
         match = _match(maps, prior, around, ends, elsewhere, setup)
         if match.inliers[0] >= _FITS and scan_match.known_share(maps, 0, match.pose[0], ends) >= _KNOWN:
