@@ -19,7 +19,7 @@ def main(seeds: int = 10, names: list[str] | None = None) -> None:
     print("|---|---|---|---|---|---|---|---|")
     for world in names or WORLDS:
         log = worlds.recorded("csail") if world == "csail" else worlds.simulated(world)
-        for n in (2, 5, 10, 20):
+        for n in (2, 5, 10, 20, 50):
             for variant in ("gdr", "systematic", "gdr --smooth"):
                 resampler, _, smooth = variant.partition(" ")
                 rows = []

@@ -260,6 +260,7 @@ def plain(seeds: int, particles: int = 2000) -> None:
 SWITCHES: tuple[dict[str, Any], ...] = (
     {},
     {"track_record": False},
+    {"map_changes": False},
     {"new_only": False},
     {"evidence_top": 1e6},
     {"decision_weighs": True},

@@ -80,7 +80,7 @@ def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
     rng = np.random.default_rng(2)
     believed = np.arange(30) < 20
     log_w = np.log(rng.dirichlet(np.ones(30)))
-    log = rng.normal(0, 2, 30)
+    log, all_of_it = rng.normal(0, 2, 30), rng.normal(0, 2, 30)
     particles = Cloud(np.zeros((30, 3)), log_w, np.full(30, 0.5), believed)
 
     def mass(log_weights: np.ndarray, chosen: np.ndarray) -> float:
@@ -88,12 +88,12 @@ def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
 
     gained = mass(log_w + log, ~believed) - mass(log_w, ~believed) - mass(log_w + log, believed) + mass(log_w, believed)
     for worth, top in ((0.0, 9.0), (0.3, 9.0), (1.0, 9.0), (1.0, 0.1)):
-        after = weigh.rivalry(particles, log, worth, top)
+        after = weigh.rivalry(particles, all_of_it, log, worth, top)
         now = mass(after, ~believed) - mass(after, believed)
         before = mass(log_w, ~believed) - mass(log_w, believed)
         assert now - before == pytest.approx(np.clip(worth * gained, -top, top))
         for group in (believed, ~believed):  # within each the whole scan counts
-            moved = (after - log_w - log)[group]
+            moved = (after - log_w - all_of_it)[group]
             assert np.ptp(moved) == pytest.approx(0.0, abs=1e-12)
 
 
@@ -117,7 +117,7 @@ def test_particles_around_a_match_take_their_mass_from_those_they_join(field: cc
     params = build(Params, {"match_samples": 4000}, "test")
     assets = SimpleNamespace(field=field)
     key = _key(field, true)
-    reading = weigh.Reading(0, key.scan, key, [], MODEL, 0.2, False)
+    reading = weigh.Reading(0, key.scan, key.scan, key, [], MODEL, 0.2, False)
     after = weigh.matched(particles, reading, assets, params, rng)  # type: ignore[arg-type]
     w = np.exp(after.log_w)
     assert w[~after.believed].sum() == pytest.approx(0.2)

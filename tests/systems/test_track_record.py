@@ -18,7 +18,7 @@ def _left(ways: list[float], trust: float = 1.0) -> TrackRecord:
     """The record after places that were kept for these ways (m)."""
     record, at = NOTHING, 0.0
     for way in ways:
-        record = track_record.trusted(record, trust)
+        record = track_record.trusted(record, trust, 0.1)
         at += way
         record = track_record.given_up(record, at)
     return record

@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 from pfcli.core import estimate
 from pfcli.core.geometry import compose
 from pfcli.core.sensor import class_conditional
+from pfcli.core.sensor.class_conditional import Fit, Scan
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sweep
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_reliable import cloud, key_scans, start, track_record, weigh
+from pfcli.systems.localize_reliable import cloud, decision, gone, key_scans, start, track_record, weigh
 from pfcli.systems.localize_reliable.assets import Assets, gain_of, load, model_of, reach_m, scan_of
 from pfcli.systems.localize_reliable.cloud import MODE_M, MODE_RAD, Cloud
 from pfcli.systems.localize_reliable.decision import Classifier
+from pfcli.systems.localize_reliable.gone import Gone
 from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.protection import protection_level_m
 from pfcli.systems.localize_reliable.records import Records
@@ -34,15 +36,15 @@ from pfcli.systems.track import TrackKeeper
 
 _CARRIED = 0.3
 """Share of a scan that is new, beyond what a turn brings, when the robot was carried or its wheels have slipped."""
-_REMEMBERED = 6
-"""Key scans that tell what is new, at least."""
+_REMEMBERED, _EXPLAINED = 16, 6
+"""Key scans that tell what is new, and the newest of them that another place must explain, at least."""
 
 
 class Info(NamedTuple):
     """One update, as a row of `metrics.parquet`; precision: P(a place is right that is trusted and was kept so long), a
     factor of p_success; mae_m, hits, through, unknown_share, misaligned: of the scan at the
     estimate; gl_*: global samples drawn, their matches of key points, and their share of the mass; new_share: of the beams,
-    that no key scan showed before."""
+    that no key scan showed before; gone: share of the beams, over the last metres, that read far beyond a mapped surface."""
 
     t_ns: int
     p_success: float
@@ -60,6 +62,7 @@ class Info(NamedTuple):
     gl_matches: int
     gl_mass: float
     new_share: float
+    gone: float
     log_evidence: float
     resampled: bool
     way_m: float
@@ -68,7 +71,8 @@ class Info(NamedTuple):
 
 class State(NamedTuple):
     """Particles; predicted: where the last estimate (3,) is now by odometry; odometry (1, 3) of the last update; places that
-    were trusted; key scans; stamp of the last global sampling; what was learnt of the map; what the end of the run needs."""
+    were trusted; key scans; what the map shows and is gone; stamp of the last global sampling; what was learnt of the map; what
+    the end of the run needs."""
 
     cloud: Cloud | None
     predicted: NDArray[np.float64] | None
@@ -76,6 +80,7 @@ class State(NamedTuple):
     way_m: float
     record: TrackRecord
     history: list[key_scans.KeyScan]
+    gone: Gone
     sampled_ns: int
     classifier: Classifier | None
     track: TrackKeeper
@@ -92,6 +97,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         0.0,
         track_record.TOLD if assets.initial.kind == "pose" else track_record.NOTHING,
         [],
+        gone.NOTHING,
         -(1 << 62),
         None,
         TrackKeeper(),
@@ -120,16 +126,19 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     new = key_scans.new_share(scan, now, state.history)
     if new > _CARRIED + key_scans.turned_share(sweep.scan, now, state.history):
         state.history.clear()  # earlier scans do not lie where odometry says
+        state = state._replace(gone=gone.forgotten(state.gone))
+    state, counted = _found_gone(state, scan, way, assets, params)
     worth = min(1.0, new / gain) if params.new_only else 1.0
-    key = key_scans.KeyScan(now, key_scans.placed(now, points), scan, worth)
-    key_scans.remember(state.history, key, max(_REMEMBERED, params.gl_steps + 1))
+    key = key_scans.KeyScan(now, key_scans.placed(now, points), counted, worth)
+    explained = max(_EXPLAINED, params.gl_steps + 1)
+    key_scans.remember(state.history, key, max(_REMEMBERED, explained))
     assert state.cloud is not None
     due = _due(state, state.cloud, sweep.stamp_ns, params)
-    reading = Reading(sweep.stamp_ns, scan, key, state.history, model, gain, due)
+    reading = Reading(sweep.stamp_ns, scan, counted, key, state.history[-explained:], model, gain, due)
     after, matches = weigh.by_scan(state.cloud, reading, state.classifier, assets, params, draw)
     if due:
         state = state._replace(sampled_ns=sweep.stamp_ns)
-    return _conclude(state, after, reading, (matches, new), assets, params, draw)
+    return _conclude(state, after, reading, (matches, new, way), assets, params, draw)
 
 
 def _predict(
@@ -142,6 +151,16 @@ def _predict(
     return state._replace(cloud=after, predicted=there)
 
 
+def _found_gone(state: State, scan: Scan, way: float, assets: Assets, params: Params) -> tuple[State, Scan]:
+    """What of a scan is evidence, and what it finds gone."""
+    if state.predicted is None or not params.map_changes:
+        return state, scan
+    crossings = gone.crossed(state.predicted, scan, assets.field)
+    trusted = track_record.outlasts_wrong(state.record)
+    after = gone.noted(state.gone, crossings, state.way_m, way, trusted)
+    return state._replace(gone=after), gone.counted(scan, crossings, state.gone, state.way_m)
+
+
 def _due(state: State, before: Cloud, stamp_ns: int, params: Params) -> bool:
     """Whether global samples are to be drawn."""
     if not params.use_gl or stamp_ns - state.sampled_ns < params.gl_period * 1e9:
@@ -149,40 +168,65 @@ def _due(state: State, before: Cloud, stamp_ns: int, params: Params) -> bool:
     return not params.gl_gate or float(np.exp(before.log_w) @ before.reliability) < 0.5
 
 
-def _recorded(state: State, expected: NDArray[np.float64], pose: NDArray[np.float64], by_scan: float) -> TrackRecord:
-    """The places that were trusted, after an estimate (3,) where odometry expected (3,). by_scan: p(success) by the scans."""
-    record = state.record
+def _recorded(
+    state: State, expected: NDArray[np.float64], pose: NDArray[np.float64], by_scan: float, way: float
+) -> State:
+    """The places that were trusted, after an estimate (3,) where odometry expected (3,) and a step of `way`. by_scan:
+    p(success) by the scans."""
     if not estimate.members(expected[None], pose, MODE_M, MODE_RAD)[0]:
-        record = track_record.given_up(record, state.way_m)
-    return track_record.trusted(record, by_scan)
+        record = track_record.given_up(state.record, state.way_m)
+        state = state._replace(record=record, gone=gone.forgotten(state.gone))
+    return state._replace(record=track_record.trusted(state.record, by_scan, way))
+
+
+def _beyond_doubt(
+    state: State,
+    pose: NDArray[np.float64],
+    by_scan: float,
+    fit: Fit,
+    reading: Reading,
+    assets: Assets,
+    params: Params,
+) -> float:
+    """p(success) by the scans that a bound in metres may rest on: beams through what is gone speak against it all the same,
+    and there is none where the map does not hold. fit: of the whole scan at pose (3,)."""
+    if not gone.map_holds(state.gone):
+        return 0.0
+    if state.classifier is None or reading.counted is reading.scan:
+        return by_scan
+    rest = class_conditional.fit(pose[None], reading.counted, assets.field, reading.model)
+    ratio = decision.log_ratio(fit, state.classifier)[0] - decision.log_ratio(rest, state.classifier)[0]
+    left = np.exp(min(0.0, params.decision_gain * float(ratio)))
+    return float(by_scan * left / (by_scan * left + 1.0 - by_scan))
 
 
 def _conclude(
     state: State,
     after: Cloud,
     reading: Reading,
-    done: tuple[int, float],
+    done: tuple[int, float, float],
     assets: Assets,
     params: Params,
     draw: Draw,
 ) -> tuple[State, Info]:
     """Estimate pose, classes and success, record, resample from the union. done: matches of key points, share of the scan
-    that is new."""
+    that is new, way since the last update."""
     stamp_ns, scan, drawn = reading.stamp_ns, reading.scan, params.gl_samples if reading.due else 0
     weights, log_evidence = normalize(after.log_w)
     found = estimate.densest(after.pose, weights, MODE_M, MODE_RAD)
     inside = estimate.members(after.pose, found.pose, MODE_M, MODE_RAD)
     expected = found.pose if state.predicted is None else state.predicted
     by_scan = float(weights[inside] @ after.reliability[inside])
-    record = _recorded(state, expected, found.pose, by_scan)
+    state = _recorded(state, expected, found.pose, by_scan, done[2])
     counts = params.track_record and state.classifier is not None
-    precision = track_record.precision(record, state.way_m) if counts else 1.0
+    precision = track_record.precision(state.record, state.way_m) if counts else 1.0
     p_success = by_scan * precision
     fit = class_conditional.fit(found.pose[None], scan, assets.field, reading.model)
     p_unknown, away = class_conditional.classes(found.pose, scan, assets.field, reading.model)
     unknown = p_unknown >= params.unknown_threshold
     state.track.update(found.pose, found.cov)
-    protection = protection_level_m(found.cov, p_success, assets.grid)
+    safe = _beyond_doubt(state, found.pose, by_scan, fit, reading, assets, params) * precision
+    protection = protection_level_m(found.cov, safe, assets.grid)
     state.records.add(stamp_ns, found.pose, p_success, protection, p_unknown, scan.ends[:, unknown], expected)
     n_eff = float(effective_sample_size(weights))
     labels = np.where(after.reliability >= 0.5, 1, 0).astype(np.uint8)
@@ -207,6 +251,7 @@ def _conclude(
         gl_matches=done[0],
         gl_mass=float(weights[weights.size - drawn :].sum()) if drawn else 0.0,
         new_share=done[1],
+        gone=state.gone.share,
         log_evidence=log_evidence,
         resampled=bool(resample),
         way_m=state.way_m,
@@ -217,7 +262,7 @@ def _conclude(
         after = cloud.resampled(after, weights, inside, wanted, params.rivals, u)
     else:
         after = after._replace(log_w=np.log(np.maximum(weights, 1e-300)), believed=np.asarray(inside))
-    return state._replace(cloud=after, predicted=found.pose, record=record), info
+    return state._replace(cloud=after, predicted=found.pose), info
 
 
 def finish(state: State, assets: Assets, params: Params) -> Result:

@@ -52,7 +52,13 @@ class Params:
     gl_gate: Annotated[bool, Opt("draw them only while p(success) < 0.5")] = False
     gl_period: Annotated[float, Opt("log time between two global samplings", "s", 0, 1e6)] = 1.0
     gl_steps: Annotated[
-        int, Opt("earlier key scans joined to the newest one for it (N); more than 5 also tell what is new", "", 0, 100)
+        int,
+        Opt(
+            "earlier key scans joined to the newest one for it (N); with more than 5 a sample must explain them too",
+            "",
+            0,
+            100,
+        ),
     ] = 5
     gl_samples: Annotated[int, Opt("global samples", "", 1, 100_000)] = 200
     gl_uniform: Annotated[float, Opt("share of the prediction that may be anywhere in the map", "", 1e-12, 0.5)] = 1e-5
@@ -67,6 +73,9 @@ class Params:
     ] = 200
     new_only: Annotated[
         bool, Opt("what earlier scans showed already is no evidence between the believed place and its rivals")
+    ] = True
+    map_changes: Annotated[
+        bool, Opt("what a trusted place has found gone from the map is no new evidence against it")
     ] = True
     evidence_top: Annotated[
         float, Opt("what one scan may say between the believed place and its rivals, at the most", "nat", 0.1, 1e6)

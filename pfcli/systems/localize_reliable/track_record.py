@@ -20,15 +20,16 @@ _PRIOR = np.append(np.full(50, 0.001 / 50.0), 0.999)
 
 class TrackRecord(NamedTuple):
     """log_p (51,): of each possible share, up to a constant; since_m: way at which the present place was taken; trust: the
-    highest p(success) that it was given."""
+    highest p(success) that it was given; trusted_m: the way for which it was trusted, by p(success)."""
 
     log_p: NDArray[np.float64]
     since_m: float
     trust: float
+    trusted_m: float
 
 
-NOTHING = TrackRecord(np.log(_PRIOR), 0.0, 0.0)
-TOLD = NOTHING._replace(since_m=-_RIGHT_M)
+NOTHING = TrackRecord(np.log(_PRIOR), 0.0, 0.0, 0.0)
+TOLD = NOTHING._replace(since_m=-_RIGHT_M, trusted_m=_RIGHT_M)
 """The first place was not found but told: as if it had been kept for long."""
 
 
@@ -36,12 +37,17 @@ def given_up(record: TrackRecord, way_m: float) -> TrackRecord:
     """The present place is left at way_m for another one; its lifetime counts as far as it was trusted."""
     wrong = (1.0 - _SHARE) * _faded(record, way_m) / _WRONG_M
     log_p = record.log_p + record.trust * np.log(_SHARE / _RIGHT_M + wrong)
-    return TrackRecord(log_p - log_p.max(), way_m, 0.0)
+    return TrackRecord(log_p - log_p.max(), way_m, 0.0, 0.0)
 
 
-def trusted(record: TrackRecord, p_success: float) -> TrackRecord:
-    """The decision model gives the present place p_success."""
-    return record._replace(trust=max(record.trust, p_success))
+def trusted(record: TrackRecord, p_success: float, step_m: float) -> TrackRecord:
+    """The decision model gives the present place p_success, after a step of step_m."""
+    return record._replace(trust=max(record.trust, p_success), trusted_m=record.trusted_m + p_success * step_m)
+
+
+def outlasts_wrong(record: TrackRecord) -> bool:
+    """Whether the present place was trusted for as long as a wrong one is on average."""
+    return record.trusted_m >= _WRONG_M
 
 
 def precision(record: TrackRecord, way_m: float) -> float:

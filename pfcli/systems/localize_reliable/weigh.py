@@ -19,11 +19,12 @@ from pfcli.systems.localize_reliable.params import Params
 
 
 class Reading(NamedTuple):
-    """One scan: its stamp, the beams that are used, its key scan and those before it, the measurement model and what one
-    beam is worth, and whether global samples are due."""
+    """One scan: its stamp, the beams that are used, those that are evidence, its key scan and those before it, the measurement
+    model and what one beam is worth, and whether global samples are due."""
 
     stamp_ns: int
     scan: Scan
+    counted: Scan
     key: KeyScan
     history: list[KeyScan]
     model: Model
@@ -42,10 +43,13 @@ def by_scan(
     if reading.due:
         cloud, matches = sampled(cloud, tracked, reading, assets, params, draw(Purpose.INJECT, reading.stamp_ns))
     fit = class_conditional.fit(cloud.pose, reading.scan, assets.field, reading.model)
-    log, reliability = judge(fit, cloud.reliability, reading.gain, learnt, params)
-    return cloud._replace(
-        log_w=rivalry(cloud, log, reading.key.worth, params.evidence_top), reliability=reliability
-    ), matches
+    rest = fit
+    if reading.counted is not reading.scan:
+        rest = class_conditional.fit(cloud.pose, reading.counted, assets.field, reading.model)
+    between, reliability = judge(rest, cloud.reliability, reading.gain, learnt, params)
+    within = between + reading.gain * (fit.log_likelihood - rest.log_likelihood)
+    log_w = rivalry(cloud, within, between, reading.key.worth, params.evidence_top)
+    return cloud._replace(log_w=log_w, reliability=reliability), matches
 
 
 def judge(
@@ -66,16 +70,25 @@ def judge(
     return log, np.clip(reliability * ratio / both, 1.0 - top, top)
 
 
-def rivalry(cloud: Cloud, log: NDArray[np.float64], worth: float, top: float) -> NDArray[np.float64]:
-    """(n,) log weights after a scan: within what is believed, and among its rivals, the whole of it counts; between the
-    two the share that it is worth beside the key scans, and `top` nats at the most: where the map has changed, all beams of
-    a scan err together, and what one scan says is no proof."""
-    rival, after = ~cloud.believed, cloud.log_w + log
+def rivalry(
+    cloud: Cloud, within: NDArray[np.float64], between: NDArray[np.float64], worth: float, top: float
+) -> NDArray[np.float64]:
+    """(n,) log weights after a scan: within what is believed, and among its rivals, the whole of it counts (within (n,));
+    between the two only the beams that are evidence (between (n,)), by the share that the scan is worth beside the key scans,
+    and `top` nats at the most: where the map has changed, all beams of a scan err together, and what one scan says is no
+    proof."""
+    rival, after = ~cloud.believed, cloud.log_w + within
     if not rival.any() or rival.all():
         return after
-    for_rivals, against = (normalize(after[k])[1] - normalize(cloud.log_w[k])[1] for k in (rival, cloud.believed))
-    speaks = for_rivals - against
-    return after + np.where(rival, np.clip(worth * speaks, -top, top) - speaks, 0.0)
+
+    def gained(log: NDArray[np.float64]) -> float:
+        of_rivals, of_believed = (
+            normalize((cloud.log_w + log)[k])[1] - normalize(cloud.log_w[k])[1] for k in (rival, cloud.believed)
+        )
+        return float(of_rivals - of_believed)
+
+    speaks = gained(between)
+    return after + np.where(rival, np.clip(worth * speaks, -top, top) - gained(within), 0.0)
 
 
 def sampled(
