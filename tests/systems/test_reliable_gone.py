@@ -55,6 +55,11 @@ def test_a_pose_that_is_half_a_metre_off_finds_nothing_gone(field: cc.Field) -> 
     assert np.isnan(gone.crossed(POSE, _scan(POSE, np.full(25, 0.6)), field)).all()
 
 
+def test_a_sensor_that_stands_in_a_surface_finds_nothing_gone(field: cc.Field) -> None:
+    inside = np.array([4.02, 2.5, 0.0])
+    assert np.isnan(gone.crossed(inside, _scan(POSE, OPEN), field)).all()
+
+
 def test_what_was_found_gone_counts_for_some_metres_and_no_longer(field: cc.Field) -> None:
     scan = _scan(POSE, OPEN)
     crossings = gone.crossed(POSE, scan, field)
@@ -71,6 +76,10 @@ def test_what_was_found_gone_counts_for_some_metres_and_no_longer(field: cc.Fiel
     other = _scan(POSE, np.where(ANGLES > 0.4, 2.0, 0.0))
     assert gone.counted(other, gone.crossed(POSE, other, field), after, 9.0) is other
     assert gone.counted(scan, crossings, gone.forgotten(after), 9.0) is scan
+    old = gone.noted(after, np.full((25, 2), np.nan), 1.0 + 1.01 * gone._KEPT_M, 0.1, True)
+    assert old.found.shape == after.found.shape  # nothing was found: nothing is looked through
+    elsewhere = gone.crossed(POSE, other, field)
+    assert gone.noted(after, elsewhere, 1.0 + 1.01 * gone._KEPT_M, 0.1, True).found[:, 2].min() > 100.0
     # a scan keeps some beams
     everything = np.full((25, 2), after.found[0, :2])
     assert gone.counted(scan, everything, after, 9.0) is scan
@@ -84,6 +93,7 @@ def test_what_a_place_that_is_not_trusted_contradicts_is_kept_against_it(field: 
         record, found = track_record.trusted(record, 0.8, 0.1), found + 0.1
     assert found == pytest.approx(track_record._WRONG_M / 0.8, abs=0.11)
     assert not track_record.outlasts_wrong(track_record.given_up(record, 9.0))
+    assert not track_record.outlasts_wrong(track_record.doubted(record))
     assert track_record.outlasts_wrong(track_record.TOLD)
 
 

@@ -25,7 +25,7 @@ from pfcli.systems.localize_reliable.cloud import MODE_M, MODE_RAD, Cloud
 from pfcli.systems.localize_reliable.decision import Classifier
 from pfcli.systems.localize_reliable.gone import Gone
 from pfcli.systems.localize_reliable.params import Params
-from pfcli.systems.localize_reliable.protection import protection_level_m
+from pfcli.systems.localize_reliable.protection import protection_level_m, surface_variance
 from pfcli.systems.localize_reliable.records import Records
 from pfcli.systems.localize_reliable.residuals import misaligned_share
 from pfcli.systems.localize_reliable.track_record import TrackRecord
@@ -123,10 +123,10 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     else:
         state = _predict(state, state.cloud, moved, sweep.stamp_ns, params, draw)
     state = state._replace(odometry=now, way_m=state.way_m + way)
-    new = key_scans.new_share(scan, now, state.history)
+    new = key_scans.new_share(scan, now, state.history[-_REMEMBERED:])
     if new > _CARRIED + key_scans.turned_share(sweep.scan, now, state.history):
         state.history.clear()  # earlier scans do not lie where odometry says
-        state = state._replace(gone=gone.forgotten(state.gone))
+        state = state._replace(gone=gone.forgotten(state.gone), record=track_record.doubted(state.record))
     state, counted = _found_gone(state, scan, way, assets, params)
     worth = min(1.0, new / gain) if params.new_only else 1.0
     key = key_scans.KeyScan(now, key_scans.placed(now, points), counted, worth)
@@ -153,7 +153,7 @@ def _predict(
 
 def _found_gone(state: State, scan: Scan, way: float, assets: Assets, params: Params) -> tuple[State, Scan]:
     """What of a scan is evidence, and what it finds gone."""
-    if state.predicted is None or not params.map_changes:
+    if state.predicted is None or state.classifier is None or not params.map_changes:
         return state, scan
     crossings = gone.crossed(state.predicted, scan, assets.field)
     trusted = track_record.outlasts_wrong(state.record)
@@ -174,7 +174,7 @@ def _recorded(
     """The places that were trusted, after an estimate (3,) where odometry expected (3,) and a step of `way`. by_scan:
     p(success) by the scans."""
     if not estimate.members(expected[None], pose, MODE_M, MODE_RAD)[0]:
-        record = track_record.given_up(state.record, state.way_m)
+        record, way = track_record.given_up(state.record, state.way_m), 0.0
         state = state._replace(record=record, gone=gone.forgotten(state.gone))
     return state._replace(record=track_record.trusted(state.record, by_scan, way))
 
@@ -217,7 +217,7 @@ def _conclude(
     inside = estimate.members(after.pose, found.pose, MODE_M, MODE_RAD)
     expected = found.pose if state.predicted is None else state.predicted
     by_scan = float(weights[inside] @ after.reliability[inside])
-    state = _recorded(state, expected, found.pose, by_scan, done[2])
+    state = _recorded(state, expected, found.pose, by_scan, 0.0 if state.predicted is None else done[2])
     counts = params.track_record and state.classifier is not None
     precision = track_record.precision(state.record, state.way_m) if counts else 1.0
     p_success = by_scan * precision
@@ -226,7 +226,7 @@ def _conclude(
     unknown = p_unknown >= params.unknown_threshold
     state.track.update(found.pose, found.cov)
     safe = _beyond_doubt(state, found.pose, by_scan, fit, reading, assets, params) * precision
-    protection = protection_level_m(found.cov, safe, assets.grid)
+    protection = protection_level_m(found.cov, safe, assets.grid, surface_variance(away[p_unknown < 0.5]))
     state.records.add(stamp_ns, found.pose, p_success, protection, p_unknown, scan.ends[:, unknown], expected)
     n_eff = float(effective_sample_size(weights))
     labels = np.where(after.reliability >= 0.5, 1, 0).astype(np.uint8)

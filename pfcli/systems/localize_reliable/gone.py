@@ -24,6 +24,8 @@ _COUNTS_M = 4.0
 _MEAN_M, _STEP_M, _MOST = 5.0, 0.05, 0.05
 """The share of beams that read beyond is a mean over this way; a turn on the spot counts as a step; above `_MOST` the map does
 not hold here (at right poses in maps that hold 0.01-0.04, on another floor 0.05-0.16)."""
+_KEPT_M = 200.0
+"""Way for which it is remembered."""
 _LEFT = 5
 """Beams that a scan keeps, at the least."""
 
@@ -45,13 +47,13 @@ def forgotten(gone: Gone) -> Gone:
 
 
 def map_holds(gone: Gone) -> bool:
-    """Whether what is in view is mostly as the map shows it."""
+    """Whether no more of what was in view over the last metres is gone than a place that is a little off makes of a good map."""
     return gone.share <= _MOST
 
 
 def crossed(pose: NDArray[np.float64], scan: Scan, field: Field) -> NDArray[np.float64]:
     """(b, 2) where each beam of a scan from a base pose (3,) meets the first mapped surface (m, map frame); NaN unless it
-    reads far beyond it."""
+    reads far beyond it. A sensor that stands in a surface crosses none."""
     rays = field.rays
     frame, cells_per_m = rays.frame, math.hypot(rays.frame[0], rays.frame[3])
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -60,7 +62,7 @@ def crossed(pose: NDArray[np.float64], scan: Scan, field: Field) -> NDArray[np.f
     angle = pose[2] + 2.0 * np.pi * scan.turn.astype(np.float64)
     reach = rays.range_m * cells_per_m
     met = cast_many(rays.room, rays.cells, np.repeat(at, angle.size, 0), angle - rays.yaw_rad, reach) / cells_per_m
-    met = np.where((met >= 0.0) & (scan.range_m > met + _BEYOND_M), met, np.nan)
+    met = np.where((met > 0.0) & (scan.range_m > met + _BEYOND_M), met, np.nan)
     return np.column_stack([x + met * np.cos(angle), y + met * np.sin(angle)])
 
 
@@ -80,14 +82,16 @@ def noted(gone: Gone, crossings: NDArray[np.float64], way_m: float, step_m: floa
     share = gone.share + gain * (beyond.shape[0] / crossings.shape[0] - gone.share)
     if not trusted or beyond.shape[0] == 0:
         return gone._replace(share=share)
-    fresh = beyond[~_near(beyond, gone.found[:, :2], _PIECE_M)]
+    kept = gone.found[gone.found[:, 2] > way_m - _KEPT_M]
+    fresh = beyond[~_near(beyond, kept[:, :2], _PIECE_M)]
     fresh = np.unique(np.round(fresh / _PIECE_M), axis=0) * _PIECE_M
-    return Gone(np.vstack([gone.found, np.column_stack([fresh, np.full(fresh.shape[0], way_m)])]), share)
+    return Gone(np.vstack([kept, np.column_stack([fresh, np.full(fresh.shape[0], way_m)])]), share)
 
 
 def _near(points: NDArray[np.float64], places: NDArray[np.float64], within_m: float) -> NDArray[np.bool_]:
     """(b,) which of the points (b, 2), NaN or not, have one of the places (m, 2) near."""
-    if places.shape[0] == 0:
-        return np.zeros(points.shape[0], np.bool_)
-    away = np.hypot(points[:, None, 0] - places[None, :, 0], points[:, None, 1] - places[None, :, 1])
-    return np.asarray(away.min(axis=1) < within_m)
+    near, real = np.zeros(points.shape[0], np.bool_), np.flatnonzero(np.isfinite(points[:, 0]))
+    if real.size and places.shape[0]:
+        away = np.hypot(points[real, None, 0] - places[None, :, 0], points[real, None, 1] - places[None, :, 1])
+        near[real] = away.min(axis=1) < within_m
+    return near

@@ -75,7 +75,8 @@ class Params:
         bool, Opt("what earlier scans showed already is no evidence between the believed place and its rivals")
     ] = True
     map_changes: Annotated[
-        bool, Opt("what a trusted place has found gone from the map is no new evidence against it")
+        bool,
+        Opt("what a trusted place has found gone from the map is no new evidence; no bound where much of it is"),
     ] = True
     evidence_top: Annotated[
         float, Opt("what one scan may say between the believed place and its rivals, at the most", "nat", 0.1, 1e6)

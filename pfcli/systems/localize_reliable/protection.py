@@ -9,24 +9,31 @@ from pfcli.core.jit import kernel
 from pfcli.formats.map_yaml import GridMap
 
 _RISK = 0.01
-_CELL_SD = 1.0 / math.sqrt(12.0)
-"""Standard deviation of a surface within its cell, in cells: what no particle cloud knows."""
+_SURFACES = 4
+"""Surfaces that a scan sees at the least: their places within a cell err independently."""
 _DIRECTIONS, _HALVINGS = 32, 24
 
 
-def protection_level_m(cov: NDArray[np.float64], p_success: float, grid: GridMap) -> float:
+def surface_variance(away_m: NDArray[np.float64]) -> float:
+    """How far the surfaces lie from where the map draws them (m^2), by the residuals (b,) of the beams that hit them (m);
+    infinite where none does."""
+    return float(np.mean(away_m**2)) if away_m.size else math.inf
+
+
+def protection_level_m(cov: NDArray[np.float64], p_success: float, grid: GridMap, surface_m2: float) -> float:
     """The radius around the estimate in which the robot is with 99 %.
 
-    cov: (3, 3); p_success: of the hypothesis that the estimate stands for. The risk that the hypothesis is wrong leaves
-    the rest of the 1 % to the covariance; where it leaves nothing, the bound is the map's diagonal.
+    cov: (3, 3); p_success: of the hypothesis that the estimate stands for; surface_m2: `surface_variance`, which no particle
+    cloud knows, and which is a fourth of a cell's at the least. The risk that the hypothesis is wrong leaves the rest of the
+    1 % to the covariance; where it leaves nothing, the bound is the map's diagonal.
     """
     left = _RISK - (1.0 - p_success)
-    if left <= 0.0:
+    if left <= 0.0 or not math.isfinite(surface_m2):
         return float(math.hypot(*grid.cells.shape) * grid.resolution_m)
     half, det = (cov[0, 0] + cov[1, 1]) / 2, cov[0, 0] * cov[1, 1] - cov[0, 1] * cov[1, 0]
     apart = math.sqrt(max(0.0, half * half - det))
-    cell = (_CELL_SD * grid.resolution_m) ** 2
-    return float(radius_of(left, half + apart + cell, max(0.0, half - apart) + cell))
+    surface = max(surface_m2, grid.resolution_m**2 / 12.0 / _SURFACES)
+    return float(radius_of(left, half + apart + surface, max(0.0, half - apart) + surface))
 
 
 @kernel

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 _RIGHT_M, _WRONG_M = 100.0, 4.5
+_AGAIN_M = 1.5
+"""Way for which a place must be trusted again after the robot may have been carried."""
 _SHARE = np.append((np.arange(50) + 0.5) / 50.0, 0.98)
 """Shares of right places among the trusted ones that are thought possible: in wrong maps any, in right ones the last."""
 _PRIOR = np.append(np.full(50, 0.001 / 50.0), 0.999)
@@ -43,6 +45,11 @@ def given_up(record: TrackRecord, way_m: float) -> TrackRecord:
 def trusted(record: TrackRecord, p_success: float, step_m: float) -> TrackRecord:
     """The decision model gives the present place p_success, after a step of step_m."""
     return record._replace(trust=max(record.trust, p_success), trusted_m=record.trusted_m + p_success * step_m)
+
+
+def doubted(record: TrackRecord) -> TrackRecord:
+    """The robot may have been carried: the place must be trusted again for a while."""
+    return record._replace(trusted_m=min(record.trusted_m, _WRONG_M - _AGAIN_M))
 
 
 def outlasts_wrong(record: TrackRecord) -> bool:
