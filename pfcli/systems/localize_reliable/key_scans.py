@@ -61,11 +61,13 @@ def _unseen(ends, sensor, seen, same_m, same_rad):  # type: ignore[no-untyped-de
     for b in range(ends.shape[0]):
         x, y = ends[b, 0], ends[b, 1]
         near = same_m + same_rad * np.hypot(x - sensor[0], y - sensor[1])
-        best = 1e9
-        for k in range(seen.shape[0]):
+        new = True
+        for k in range(seen.shape[0] - 1, -1, -1):  # the newest scans saw most of it
             dx, dy = seen[k, 0] - x, seen[k, 1] - y
-            best = min(best, dx * dx + dy * dy)
-        count += best > near * near
+            if dx * dx + dy * dy <= near * near:
+                new = False
+                break
+        count += new
     return count
 
 
