@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.grid.raycast import cast, clearance
+from pfcli.core.grid.raycast import cast, cast_many, clearance
 from pfcli.core.jit import inline_kernel, kernel, reduction_kernel
 from pfcli.core.sensor.likelihood_field import grid_frame
 from pfcli.core.sensor.range_table import NONE, UNKNOWN, RangeTable, nearest_free, row_at
@@ -243,6 +243,18 @@ def rays_of(cells: NDArray[np.int8], resolution_m: float, origin: tuple[float, f
     return Rays(
         clearance(cells), cells, nearest_free(cells), range_m, grid_frame(resolution_m, origin), float(origin[2])
     )
+
+
+def ranges_from(
+    xy: tuple[float, float], directions: NDArray[np.float64], rays: Rays, reach_m: float
+) -> NDArray[np.float64]:
+    """(b,) distance (m) from a place (map frame) to the first mapped surface in each of the directions (b,) (rad, map frame):
+    infinite beyond reach_m, negative where an unknown cell comes first, 0 from within a surface."""
+    f, (x, y) = rays.frame, xy
+    at = np.array([[f[0] * x + f[1] * y + f[2], f[3] * x + f[4] * y + f[5]]])
+    cells_per_m = np.hypot(f[0], f[3])
+    places, turn = np.repeat(at, directions.size, 0), directions - rays.yaw_rad
+    return np.asarray(cast_many(rays.room, rays.cells, places, turn, reach_m * cells_per_m) / cells_per_m)
 
 
 def from_rays(poses: NDArray[np.float64], beams: Beams, rays: Rays, model: Model) -> NDArray[np.float64]:

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.grid.raycast import cast_many
 from pfcli.core.sensor import class_conditional
 from pfcli.core.sensor.class_conditional import Field, Fit, Model, Scan
-from pfcli.core.sensor.range_beams import Rays
+from pfcli.core.sensor.range_beams import Rays, ranges_from
 from pfcli.errors import LogError, UsageError, reason
 
 SUCCESS_M, SUCCESS_RAD = 0.25, np.radians(5.0)
@@ -123,21 +122,17 @@ def _scan(true: NDArray[np.float64], rays: Rays, view: View, rng: np.random.Gene
     """A scan with things in the way."""
     c, s = np.cos(true[2]), np.sin(true[2])
     x, y = true[0] + c * view.mount[0] - s * view.mount[1], true[1] + s * view.mount[0] + c * view.mount[1]
-    f = rays.frame
-    at = np.array([[f[0] * x + f[1] * y + f[2], f[3] * x + f[4] * y + f[5]]])
-    cells_per_m = np.hypot(f[0], f[3])
-    turn = true[2] + view.mount[2] + view.angles - rays.yaw_rad
-    r = cast_many(rays.room, rays.cells, np.repeat(at, turn.size, 0), turn, view.range_m * cells_per_m) / cells_per_m
+    r = ranges_from((x, y), true[2] + view.mount[2] + view.angles, rays, view.range_m)
     r = np.where(r < 0, np.inf, r)
     blocked = rng.random() * _MOST_BLOCKED
     while np.isfinite(blocked) and blocked > 0:
         width = min(blocked, rng.uniform(0.02, 0.15))
-        first = int(rng.integers(turn.size))
-        hidden = (first + np.arange(max(1, int(width * turn.size)))) % turn.size
+        first = int(rng.integers(r.size))
+        hidden = (first + np.arange(max(1, int(width * r.size)))) % r.size
         r[hidden] = np.minimum(r[hidden], rng.uniform(0.4, 4.0))
         blocked -= width
     ok = np.isfinite(r) & (r > 0.02)
-    r = r[ok] + 0.5 / cells_per_m + 0.01 * rng.standard_normal(int(ok.sum()))
+    r = r[ok] + 0.5 / np.hypot(*rays.frame[[0, 3]]) + 0.01 * rng.standard_normal(int(ok.sum()))
     gamma = view.mount[2] + view.angles[ok]
     ends = np.column_stack([view.mount[0] + r * np.cos(gamma), view.mount[1] + r * np.sin(gamma)])
     return class_conditional.scan_of(ends, view.mount[:2])

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.grid.raycast import cast_many
 from pfcli.core.sensor.class_conditional import Field, Scan
+from pfcli.core.sensor.range_beams import ranges_from
 
 _BEYOND_M = 1.0
 """A beam that reads so far beyond a surface is not explained by a pose that is a little off."""
@@ -54,14 +54,10 @@ def map_holds(gone: Gone) -> bool:
 def crossed(pose: NDArray[np.float64], scan: Scan, field: Field) -> NDArray[np.float64]:
     """(b, 2) where each beam of a scan from a base pose (3,) meets the first mapped surface (m, map frame); NaN unless it
     reads far beyond it. A sensor that stands in a surface crosses none."""
-    rays = field.rays
-    frame, cells_per_m = rays.frame, math.hypot(rays.frame[0], rays.frame[3])
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     x, y = pose[:2] + np.array([[cos, -sin], [sin, cos]]) @ scan.sensor
-    at = np.array([[frame[0] * x + frame[1] * y + frame[2], frame[3] * x + frame[4] * y + frame[5]]])
     angle = pose[2] + 2.0 * np.pi * scan.turn.astype(np.float64)
-    reach = rays.range_m * cells_per_m
-    met = cast_many(rays.room, rays.cells, np.repeat(at, angle.size, 0), angle - rays.yaw_rad, reach) / cells_per_m
+    met = ranges_from((x, y), angle, field.rays, field.rays.range_m)
     met = np.where((met > 0.0) & (scan.range_m > met + _BEYOND_M), met, np.nan)
     return np.column_stack([x + met * np.cos(angle), y + met * np.sin(angle)])
 

@@ -22,7 +22,7 @@ _SAME_M, _SAME_RAD = 0.1, 0.02
 
 class KeyScan(NamedTuple):
     """odometry (1, 3) where it was taken; end points (b, 2) in the frame of the odometry (m); scan: the beams of them that
-    the filter uses; worth: what it says beyond the key scans before it, as a share of what a scan says."""
+    are evidence; worth: what it says beyond the key scans before it, as a share of what a scan says."""
 
     odometry: NDArray[np.float64]
     ends: NDArray[np.float64]
