@@ -7,6 +7,7 @@ import pytest
 
 from pfcli import run
 from pfcli.core.geometry import between, compose
+from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import beams_of, points_of
 from pfcli.core.pose_graph import Edges
 from pfcli.params import build
@@ -128,12 +129,12 @@ def test_one_particle_works() -> None:
 
 
 @pytest.fixture(scope="module")
-def smoothed() -> tuple[run.Run, tuple[smooth.Log, np.ndarray, smooth.Setup]]:
+def smoothed() -> tuple[run.Run, tuple[smooth.Log, np.ndarray, Setup]]:
     """A run with --smooth, and what it handed to the smoother."""
-    kept: list[tuple[smooth.Log, np.ndarray, smooth.Setup]] = []
+    kept: list[tuple[smooth.Log, np.ndarray, Setup]] = []
     whole = smooth.smooth
 
-    def watched(log: smooth.Log, path: np.ndarray, setup: smooth.Setup) -> smooth.Smoothed:
+    def watched(log: smooth.Log, path: np.ndarray, setup: Setup) -> smooth.Smoothed:
         kept.append((log, path, setup))
         return whole(log, path, setup)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_match, tiles
 from pfcli.core.grid.coarse_search import Window, coarse
+from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
 from pfcli.core.weights import effective_sample_size, normalize
@@ -233,8 +234,8 @@ def finish(state: State, assets: None, params: Params) -> Result:
     return Result(history.track(path, covariance), grid or grid_of(state.maps, best), frames, summary)
 
 
-def _setup(params: Params) -> smooth.Setup:
-    return smooth.Setup(
+def _setup(params: Params) -> Setup:
+    return Setup(
         _matcher(params),
         _near(params),
         noise_of(params),

@@ -13,17 +13,14 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_match, tiles
-from pfcli.core.grid.coarse_search import Window, coarse
+from pfcli.core.grid.coarse_search import coarse
 from pfcli.core.grid.normals import scan_normals
+from pfcli.core.grid.scan_odometry import TURN_M, WAY_M, ScanOdometry, Setup, draw_one, ends_of
 from pfcli.core.motion.calibration import Calibration, calibrate
-from pfcli.core.motion.odometry import Noise, information
+from pfcli.core.motion.odometry import Noise
 from pfcli.core.pose_graph import Edges, Relaxed, relax
 from pfcli.rng import Purpose, rng_for
 
-_TURN_M = 0.3
-"""A radian turned counts as so much way."""
-_WAY_M = 4.0
-"""Half the way whose scans make a map to match against."""
 _APART_M = 10.0
 """A place is come back to after so much way."""
 _NEAR_M = 3.0
@@ -40,8 +37,6 @@ _EVERY_M = (2.0, 1.0, 1.0)
 that finds what lies too far off without, and in the last, for accuracy."""
 _FITS, _KNOWN = 0.7, 0.6
 """Shares of the end points on known map that lie on surfaces, and of all that lie on known map, from which on it is the place."""
-_PEOPLE = 8.0
-"""By so many nats a slip must explain a scan better: people who walk along together look like a few."""
 _STEP_SD = (0.005, 0.005, 0.001)
 _CLOSURE_SD = (0.02, 0.02, 0.003)
 """What a match errs by beyond its own information (m, m, rad)."""
@@ -51,17 +46,6 @@ _POLISH, _POLISH_SD = 2, (0.03, 0.03, 0.005)
 """How often all scans are matched against the map of all in the end, and how far each may move then (m, m, rad)."""
 _DRAWS = 100
 _NOWHERE = np.zeros(3)
-
-
-class Setup(NamedTuple):
-    """What the filter matches with: matcher, coarse search, noise of the odometry, cell (m), share of end points on surfaces
-    below which a scan is not drawn."""
-
-    matcher: scan_match.Matcher
-    window: Window
-    noise: Noise
-    resolution_m: float
-    draw_inliers: float
 
 
 class Log:
@@ -105,7 +89,7 @@ def smooth(log: Log, given: NDArray[np.float64], setup: Setup) -> Smoothed:
     # along a plain wall a scan says nothing: what pulls there is where the map happens to end
     matcher = setup.matcher._replace(map_normals=True, tangent=0.0)
     setup = setup._replace(matcher=matcher)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + _TURN_M * np.abs(steps[:, 2]))])
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + TURN_M * np.abs(steps[:, 2]))])
     closures, calibration, relaxed = _none(), None, Relaxed(given, np.zeros((0, *given.shape)), np.zeros(0))
     for every_m in _EVERY_M:
         if calibration is None:
@@ -132,7 +116,7 @@ def drawn(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], resolut
     """The map of the scans chosen by `fits` (t,) at poses (t, 3)."""
     maps = tiles.empty(1, resolution_m)
     for k in np.flatnonzero(fits).tolist():
-        maps = _draw(maps, poses[k], log.scans[k])
+        maps = draw_one(maps, poses[k], log.scans[k])
     return maps
 
 
@@ -141,7 +125,7 @@ def _polished(log: Log, poses: NDArray[np.float64], fits: NDArray[np.bool_], set
     maps = drawn(log, poses, fits, setup.resolution_m)
     near, out = np.diag(np.square(_POLISH_SD) ** -1.0), poses.copy()
     for k in range(1, len(poses)):
-        out[k] = _match(maps, poses[k : k + 1], near, _ends(log.scans[k]), _NOWHERE, setup).pose[0]
+        out[k] = _match(maps, poses[k : k + 1], near, ends_of(log.scans[k]), _NOWHERE, setup).pose[0]
     return out
 
 
@@ -153,20 +137,11 @@ def _explained(
     maps = [drawn(log, poses, fits & (part == other), setup.resolution_m) for other in (1, 0)]
     total, count = 0.0, 0
     for scan, pose, mine in zip(log.scans, poses, part, strict=True):
-        ends = _ends(scan)
+        ends = ends_of(scan)
         normals = scan_normals(ends, m.beam_width_rad / m.sigma_m)
         total += float(scan_match.log_likelihood(maps[mine], 0, pose, ends, normals, m.sigma_m, m, 1))
         count += ends.shape[0]
     return total / max(1, count)
-
-
-def _draw(maps: tiles.Tiles, pose: NDArray[np.float64], scan: tiles.Beams) -> tiles.Tiles:
-    return tiles.draw(maps, pose[None], np.ones(1, bool), scan)
-
-
-def _ends(scan: tiles.Beams) -> NDArray[np.float64]:
-    """End points on surfaces, which come first."""
-    return scan.ends[: int(scan.hit.sum())]
 
 
 def _match(
@@ -197,33 +172,11 @@ def _seen_from(headings: NDArray[np.float64], information_of: NDArray[np.float64
 
 
 def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np.float64], setup: Setup) -> _Chain:
-    """Match each scan against the map of the way behind it: at least `_WAY_M` of it, at most twice as much.
-
-    noise: of the steps (t - 1, 3) while the wheels do not slip; where they seem to, the odometry is taken for what it may be.
-    """
+    """Match each scan against the map of the way behind it. noise: of the steps (t - 1, 3) while the wheels do not slip."""
     poses, information_of, fits = np.zeros((way.size, 3)), np.empty((way.size - 1, 3, 3)), np.ones(way.size, np.bool_)
-    older, newer, since = _draw(tiles.empty(1, setup.resolution_m), poses[0], log.scans[0]), None, 0.0
+    behind = ScanOdometry(setup, log.scans[0])
     for k in range(1, way.size):
-        prior = compose(poses[k - 1 : k], steps[k - 1 : k])
-        ends = _ends(log.scans[k])
-        known = information(steps[k - 1], noise)
-        match = _match(older, prior, known, ends, _NOWHERE, setup)
-        elsewhere = coarse(older, 0, prior[0], ends, setup.window)
-        if elsewhere.any():
-            # the wheels may have slipped: then odometry is as bad as the parameters allow, or says nothing
-            other = _match(older, prior, information(steps[k - 1], setup.noise), ends, elsewhere, setup)
-            before = scan_match.log_prior(other.pose[0], prior[0], known, setup.matcher)
-            if other.log_likelihood[0] + before > match.log_likelihood[0] + match.log_prior[0] + _PEOPLE:
-                match = other
-        poses[k], information_of[k - 1] = match.pose[0], match.information[0]
-        if newer is None and way[k] - since >= _WAY_M:
-            newer = tiles.empty(1, setup.resolution_m)
-        fits[k] = not 0.0 <= match.inliers[0] < setup.draw_inliers
-        if fits[k]:
-            older = _draw(older, poses[k], log.scans[k])
-            newer = None if newer is None else _draw(newer, poses[k], log.scans[k])
-        if newer is not None and way[k] - since >= 2 * _WAY_M:
-            older, newer, since = newer, None, way[k] - _WAY_M
+        poses[k], information_of[k - 1], fits[k] = behind.step(log.scans[k], steps[k - 1], way[k] - way[k - 1], noise)
     first = np.arange(way.size - 1)
     told = _softened(_seen_from(poses[:-1, 2], information_of), _STEP_SD)
     return _Chain(poses, fits, Edges(first, first + 1, between(poses[:-1], poses[1:]), told))
@@ -247,13 +200,13 @@ def _visits(relaxed: Relaxed, way: NDArray[np.float64], every_m: float) -> _Visi
     """What to match: of each scan that is asked the nearest `_MOST` visits, however often the robot comes by."""
     path, rows = relaxed.poses, []
     asked = np.flatnonzero(np.diff(np.floor(way / every_m), prepend=-1.0) > 0)
-    for middle in np.arange(_WAY_M / 2, way[-1] - _APART_M, _WAY_M):
-        visit = np.flatnonzero(np.abs(way - middle) <= _WAY_M)
-        later = asked[way[asked] > middle + _WAY_M + _APART_M]
+    for middle in np.arange(WAY_M / 2, way[-1] - _APART_M, WAY_M):
+        visit = np.flatnonzero(np.abs(way - middle) <= WAY_M)
+        later = asked[way[asked] > middle + WAY_M + _APART_M]
         if visit.size == 0 or later.size == 0:
             continue
         away = np.hypot(*(path[later, :2] - path[visit[visit.size // 2], :2]).T)
-        later = later[away < _NEAR_M + _WIDEST_M + 2 * _WAY_M]
+        later = later[away < _NEAR_M + _WIDEST_M + 2 * WAY_M]
         square = ((path[later, None, :2] - path[None, visit, :2]) ** 2).sum(axis=2)
         nearest = visit[square.argmin(axis=1)]
         half = np.full(later.size, _START_M)
@@ -261,7 +214,7 @@ def _visits(relaxed: Relaxed, way: NDArray[np.float64], every_m: float) -> _Visi
             half = np.maximum(_SIGMAS * relaxed.relative_sd(nearest, later)[:, 0], _SURE_M)
         far = np.sqrt(square.min(axis=1))
         # each earlier pose lies in the middle of one map
-        near = (half <= _WIDEST_M) & (far < _NEAR_M + half) & (np.abs(way[nearest] - middle) <= _WAY_M / 2)
+        near = (half <= _WIDEST_M) & (far < _NEAR_M + half) & (np.abs(way[nearest] - middle) <= WAY_M / 2)
         rows.append(np.stack([later, nearest, np.full(later.size, middle), half, far], axis=1)[near])
     pairs = np.concatenate(rows) if rows else np.empty((0, 5))
     pairs = pairs[np.lexsort((pairs[:, 4], pairs[:, 0]))]
@@ -279,10 +232,10 @@ def _closures(
     kept, measured, information_of = [], [], []
     for p, (j, i, middle, half) in enumerate(zip(*pairs, strict=True)):
         if middle != drawn_at:
-            part = chain.fits & (np.abs(way - middle) <= _WAY_M)
+            part = chain.fits & (np.abs(way - middle) <= WAY_M)
             maps, drawn_at = drawn(log, chain.poses, part, setup.resolution_m), middle
         prior = compose(chain.poses[j : j + 1], between(path[j : j + 1], path[i : i + 1]))
-        ends, elsewhere = _ends(log.scans[i]), _NOWHERE
+        ends, elsewhere = ends_of(log.scans[i]), _NOWHERE
         if half > _SURE_M:
             window = setup.window._replace(half_xy_m=float(half), half_yaw_rad=_YAW_RAD)
             elsewhere = coarse(maps, 0, prior[0], ends, window)

@@ -1,0 +1,89 @@
+"""Odometry from scans: each is matched against the map of the way just behind it, whose shape has hardly had time to bend."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.geometry import compose
+from pfcli.core.grid import scan_match, tiles
+from pfcli.core.grid.coarse_search import Window, coarse
+from pfcli.core.motion.odometry import Noise, information
+
+WAY_M = 4.0
+"""Half the way whose scans make a map to match against."""
+TURN_M = 0.3
+"""A radian turned counts as so much way."""
+_PEOPLE = 8.0
+"""By so many nats a slip must explain a scan better: people who walk along together look like a few."""
+_NOWHERE = np.zeros(3)
+
+
+class Setup(NamedTuple):
+    """What is matched with: matcher, coarse search, noise of the odometry, cell (m), share of end points on surfaces below
+    which a scan is not drawn."""
+
+    matcher: scan_match.Matcher
+    window: Window
+    noise: Noise
+    resolution_m: float
+    draw_inliers: float
+
+
+class Matched(NamedTuple):
+    """pose (3,) in the frame of the first scan; information (3, 3) of its step, map frame; fits: the scan does not contradict
+    the map of the way behind it."""
+
+    pose: NDArray[np.float64]
+    information: NDArray[np.float64]
+    fits: bool
+
+
+class ScanOdometry:
+    """The pose by scans and odometry, and the maps of the last metres: at least `WAY_M` of way, at most twice as much."""
+
+    def __init__(self, setup: Setup, first: tiles.Beams) -> None:
+        self._setup = setup
+        self.pose = np.zeros(3)
+        self._older = draw_one(tiles.empty(1, setup.resolution_m), self.pose, first)
+        self._newer: tiles.Tiles | None = None
+        self._way_m, self._since_m = 0.0, 0.0
+
+    def step(self, scan: tiles.Beams, moved: NDArray[np.float64], way_m: float, noise: Noise) -> Matched:
+        """Take the step `moved` (3,) of the odometry, after so much way, and match the scan.
+
+        noise: of the step while the wheels do not slip; where they seem to, the odometry is taken for what it may be.
+        """
+        setup, ends = self._setup, ends_of(scan)
+        prior = compose(self.pose[None], moved[None])
+        known = information(moved, noise)
+        match = scan_match.match(self._older, prior, known, _NOWHERE[None], ends, setup.matcher)
+        elsewhere = coarse(self._older, 0, prior[0], ends, setup.window)
+        if elsewhere.any():
+            # the wheels may have slipped: then odometry is as bad as the parameters allow, or says nothing
+            usual = information(moved, setup.noise)
+            other = scan_match.match(self._older, prior, usual, elsewhere[None], ends, setup.matcher)
+            before = scan_match.log_prior(other.pose[0], prior[0], known, setup.matcher)
+            if other.log_likelihood[0] + before > match.log_likelihood[0] + match.log_prior[0] + _PEOPLE:
+                match = other
+        self.pose = match.pose[0]
+        self._way_m += way_m
+        if self._newer is None and self._way_m - self._since_m >= WAY_M:
+            self._newer = tiles.empty(1, setup.resolution_m)
+        fits = not 0.0 <= match.inliers[0] < setup.draw_inliers
+        if fits:
+            self._older = draw_one(self._older, self.pose, scan)
+            self._newer = None if self._newer is None else draw_one(self._newer, self.pose, scan)
+        if self._newer is not None and self._way_m - self._since_m >= 2 * WAY_M:
+            self._older, self._newer, self._since_m = self._newer, None, self._way_m - WAY_M
+        return Matched(self.pose, match.information[0], fits)
+
+
+def ends_of(scan: tiles.Beams) -> NDArray[np.float64]:
+    """End points on surfaces, which come first."""
+    return scan.ends[: int(scan.hit.sum())]
+
+
+def draw_one(maps: tiles.Tiles, pose: NDArray[np.float64], scan: tiles.Beams) -> tiles.Tiles:
+    """Draw a scan into the map of a single particle, at a pose (3,)."""
+    return tiles.draw(maps, pose[None], np.ones(1, bool), scan)
