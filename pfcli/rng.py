@@ -18,7 +18,6 @@ class Purpose(IntEnum):
     INJECT = 7
     CALIBRATE = 8
     SMOOTH = 9
-    SLIP = 10
     SETTLED = 11
 
 

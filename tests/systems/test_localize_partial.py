@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from pfcli.core.grid.region import crosses_wall, places, region_of
+from pfcli.core.grid.tiles import Beams
 from pfcli.core.sensor import likelihood_field
 from pfcli.events import Pose2
 from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.rng import Draw
-from pfcli.systems.localize_partial import anneal, corrected, kernels, paper, smooth
+from pfcli.systems.localize_partial import anneal, corrected, kernels, paper, reckoning, smooth, unplaced
 from pfcli.systems.localize_partial.belief import Assets, Belief, Reading
 from pfcli.systems.localize_partial.params import Params
 
@@ -82,17 +83,57 @@ def test_entries_stand_at_the_frontier_and_were_outside_before_the_step(assets: 
     assert (places(region, xy) == 0).all()
 
 
-def test_where_a_robot_came_in_is_asked_only_where_it_may_be_outside(assets: Assets) -> None:
-    reading = _reading(0.1, _seen_from(3.0, 1.5))
-    inside = np.array([[3.0, 1.5, 0.0]]), np.array([3], np.uint8)
-    for b1, kinds in ((2.9e-4, {3}), (3.1e-4, {2, 3})):
-        found = corrected._arrive(
-            *inside, np.array([1.0 - b1]), b1, reading, np.eye(7), assets, Params(frontier_samples=500), Draw(0)
-        )
-        assert set(found[1].tolist()) == kinds
-        assert (found[1].size > 1) == (b1 > 3e-4)
-        if b1 < 3e-4:
-            assert found[2].sum() + found[3] == pytest.approx(1.0, abs=1e-12)
+def test_those_without_a_pose_are_looked_for_only_where_that_is_worth_it(assets: Assets) -> None:
+    reading, params = _reading(0.1, _seen_from(3.0, 1.5)), Params(frontier_samples=500)
+    for inside, outside, classes in ((2.9e-4, 2.9e-4, set()), (2.9e-4, 3.1e-4, {2}), (3.1e-4, 2.9e-4, {3})):
+        transition = np.zeros((7, 7))
+        transition[0, 0], transition[1, 1] = inside, outside
+        before = np.array([inside, outside])
+        found, left = unplaced.search(before, reading, transition, assets, params, Draw(0))
+        assert set(found.label.tolist()) == classes
+        assert transition.sum() == pytest.approx(before.sum(), abs=1e-12)
+        assert transition.sum(axis=0)[:2] == pytest.approx(left, abs=1e-12)
+        assert (left < before).tolist() == [3 in classes, 2 in classes]
+
+
+def test_a_robot_was_carried_only_where_the_last_metres_foretell_nothing(assets: Assets) -> None:
+    weight, params = np.array([0.5, 0.3]), Params(kidnap_per_m=0.5, beam_gain=0.1)
+    carried = 1.0 - np.exp(-0.5 * 0.1)
+    for foretold, share in ((0.0, 1.0), (0.2, np.exp(-0.1 * 0.2 * 40))):
+        reading = _reading(0.1, np.zeros((2, 40)))._replace(base=np.full((2, 40), foretold, np.float32))
+        transition = np.zeros((7, 7))
+        transition[3, 3], transition[5, 5] = weight
+        kept, left = unplaced.lose(weight, np.array([0.0, 0.2]), reading, transition, params)
+        astray = 0.2 * carried / 2  # a robot that has lost its way may be wrong about being outside
+        each = 0.8 * carried * share / 2
+        assert kept == pytest.approx(weight * (1.0 - carried))
+        assert left == pytest.approx([each + astray, 0.2 + each - astray], rel=1e-6)
+        assert transition.sum(axis=0)[:2] == pytest.approx(left, rel=1e-6)
+        assert transition[[3, 5], [3, 5]] == pytest.approx(weight * (1.0 - carried))
+
+
+def test_who_is_elsewhere_keeps_up_with_class_3_and_with_the_outside_but_not_for_long() -> None:
+    threes, weight = np.array([True, True, False]), np.array([0.3, 0.1, 0.6])
+    for after, outside, best in (
+        ([0.9, 0.1, 0.0], 0.5, 2.5),  # class 3 fits: who is elsewhere would fit there
+        ([0.0, 0.0, 0.6], 1.0, 1.0),  # it does not: neither is evidence
+        ([0.1, 0.1, 0.0], 0.8, 0.8),
+    ):
+        found = unplaced.elsewhere(threes, weight, np.array(after), outside, 0.9)
+        assert found == pytest.approx([best * np.exp(-0.9 / 4.5), outside])
+    nobody = unplaced.elsewhere(np.zeros(3, np.bool_), weight, weight, 0.7, 0.0)
+    assert nobody == pytest.approx([0.7, 0.7])
+
+
+def test_who_is_lost_in_the_map_is_found_there_and_not_called_outside(assets: Assets) -> None:
+    """A robot that fits nowhere is as likely to be elsewhere in the map: no exit was seen."""
+    belief = Belief(np.empty((0, 3)), np.empty(0, np.uint8), np.empty(0), np.array([0.5, 0.5, 0, 0, 0, 0, 0]))
+    for k in range(12):
+        reading = _reading(0.0, _seen_from(2.0, 1.5))._replace(stamp_ns=k)
+        belief = corrected.update(belief, reading, assets, Params(frontier_samples=1000, beam_gain=0.3), Draw(0))
+    best = belief.pose[np.argmax(belief.weight)]
+    assert belief.b[0] + belief.b[3] > 0.95
+    assert np.hypot(best[0] - 2.0, best[1] - 1.5) < 0.15
 
 
 def test_flows_add_up_to_the_weights() -> None:
@@ -169,25 +210,6 @@ def _explained(margin: float) -> Reading:
     best = likelihood_field.log_ratio(np.zeros(1), MODEL)[0]
     base = np.full((2, 90), best - margin, np.float32)
     return _reading(0.0, _seen_from(2.0, 1.5))._replace(base=base)
-
-
-def test_before_the_robot_is_outside_the_odometry_may_have_slipped(assets: Assets) -> None:
-    rng = np.random.default_rng(8)
-    there = np.array([2.0, 1.5, 0.0])
-    poses = there + [0.5, 0.0, 0.15] + 0.02 * rng.standard_normal((300, 3))
-    fixed = assets._replace(initial=Initial("pose"))
-    near = {}
-    for slip in (0.0, 0.02):
-        now = Belief(poses, np.full(300, 3, np.uint8), np.full(300, 1 / 300), np.array([0.0, 0, 0, 1, 0, 0, 0]))
-        for k in range(3):
-            reading = _explained(0.2)._replace(stamp_ns=k)
-            now = corrected.update(
-                now, reading, fixed, Params(slip=slip, frontier_samples=1000, beam_gain=0.3), Draw(0)
-            )
-        close = (np.hypot(*(now.pose - there)[:, :2].T) < 0.1) & (np.abs(now.pose[:, 2]) < 0.05)
-        near[slip] = float(now.weight[close].sum())
-    assert near[0.0] < 0.1
-    assert near[0.02] > 0.8
 
 
 def test_what_map_and_last_metres_both_explain_drives_nobody_out(assets: Assets) -> None:
@@ -311,12 +333,12 @@ def test_smoothing_equals_the_sum_over_all_class_paths() -> None:
     share /= share.sum(axis=2, keepdims=True)
     likelihood = rng.random((steps, n))
     b = [start]
-    history = [smooth.Step(np.zeros((n, n)), start, start)]
+    history = [smooth.Step(np.zeros((n, n)), start)]
     for t in range(steps):
         transition = b[-1][:, None] * share[t]
         predicted = transition.sum(axis=0)
         b.append(predicted * likelihood[t] / (predicted @ likelihood[t]))
-        history.append(smooth.Step(transition, predicted, b[-1]))
+        history.append(smooth.Step(transition, b[-1]))
     brute = np.zeros((steps + 1, n))
     for path in itertools.product(range(n), repeat=steps + 1):
         p = start[path[0]] * np.prod(
@@ -332,3 +354,29 @@ def test_crossings_ignore_what_turns_back_halfway() -> None:
     p = np.array([0.9, 0.9, 0.4, 0.6, 0.9, 0.45, 0.1, 0.3, 0.6, 0.95])
     found = smooth.crossings(np.arange(10) * 10, p)
     assert [(c["kind"], c["t_ns"]) for c in found] == [("exit", 50), ("entry", 80)]
+
+
+def _walked(slips: bool, match_scans: bool = True) -> float:
+    """Distance of the reckoned pose from the true one after 6 m through a room whose odometry gains 2 % and, perhaps, slips."""
+    state, params, error = reckoning.Reckoning(), Params(match_scans=match_scans), 0.0
+    for k in range(61):
+        x = 0.6 + 0.06 * k
+        ends = _seen_from(x, 1.5).T
+        scan = Beams(np.zeros(2), ends, np.ones(len(ends), np.uint8), np.zeros(len(ends)))
+        moved = np.array([0.0612 * (k > 0), 0.0, 0.0])
+        if slips and k % 20 == 10:
+            moved += [0.2, 0.0, 0.15]
+        state, _ = reckoning.reckon(state, scan, moved, moved[0], params)
+        error = float(np.hypot(state.pose[0] - (x - 0.6), state.pose[1]))
+    return error
+
+
+def test_scans_of_the_last_metres_put_slips_and_scales_of_the_odometry_right() -> None:
+    assert _walked(slips=False) < 0.05 < 0.07 < _walked(slips=False, match_scans=False)
+    assert _walked(slips=True) < 0.05 < 1.0 < _walked(slips=True, match_scans=False)
+    state, moved = reckoning.Reckoning(), np.array([0.1, 0.0, 0.02])
+    scan = Beams(np.zeros(2), _seen_from(2.0, 1.5).T.copy(), np.ones(90, np.uint8), np.zeros(90))
+    for given in (Params(match_scans=False), Params(variant="paper")):
+        after, step = reckoning.reckon(state, scan, moved, 0.1, given)
+        assert after.scans is None
+        assert np.array_equal(step, moved)

@@ -25,14 +25,13 @@ class Assets(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """Particles and class probabilities, and what the update says of itself."""
+    """Particles and class probabilities, and what the update says of itself. b[0]: part of class 3 without a pose."""
 
     pose: NDArray[np.float64]
     label: NDArray[np.uint8]
     weight: NDArray[np.float64]
     b: NDArray[np.float64]
     transition: NDArray[np.float64] = np.eye(7)
-    predicted: NDArray[np.float64] = np.zeros(7)
     log_evidence: float = 0.0
     n_eff: float = 0.0
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pfcli.core import estimate, particles
 from pfcli.core.grid import local_history
 from pfcli.core.grid.region import region_of
-from pfcli.core.grid.scan_points import points_of
+from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.sensor import likelihood_field
 from pfcli.errors import LogError
 from pfcli.events import Sweep
@@ -22,15 +22,17 @@ from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_partial import corrected, paper, smooth
+from pfcli.systems.localize_partial import corrected, paper, smooth, unplaced
 from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, in_the_map
 from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.localize_partial.reckoning import CELL_M, Reckoning, reckon
 from pfcli.systems.pace import step_since
 from pfcli.systems.result import Result
 from pfcli.systems.start_cells import start_cells
 from pfcli.systems.track import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
+_MOST_BEAMS = 400
 _MOST_STARTS = 2_000_000
 _NOVEL = 0.5
 """Share of a mismatch that is forgiven a beam which ends where nothing was ever hit before."""
@@ -68,13 +70,14 @@ class Info(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3), class (n,) of 2 .. 6 and global weight (n,) of each particle; b (7,): probabilities of the states,
-    b[0] unused; odometry (1, 3) of the last update; what the end of the run needs."""
+    b[0]: see `Belief`; odometry (1, 3) of the last update; what the end of the run needs."""
 
     pose: NDArray[np.float64]
     label: NDArray[np.uint8]
     weight: NDArray[np.float64]
     b: NDArray[np.float64]
     odometry: NDArray[np.float64]
+    reckoning: Reckoning
     way_m: float
     local: local_history.LocalHistory
     track: TrackKeeper
@@ -117,6 +120,8 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         area = assets.start_xy.shape[0] * assets.grid.resolution_m**2
         n = int(min(max(params.particles, area * params.start_density_per_m2), _MOST_STARTS))
         pose = particles.uniform(assets.start_xy, assets.grid.resolution_m / 2, n, rng, assets.initial.heading)
+    if kind != "pose" and params.variant != "paper":
+        b[0], b[3] = unplaced.MISSED * b[3], (1.0 - unplaced.MISSED) * b[3]
     n = pose.shape[0]
     return State(
         pose,
@@ -124,6 +129,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         np.full(n, b[3] / max(1, n)),
         b,
         np.array([first.odometry], np.float64),
+        Reckoning(),
         0.0,
         local_history.empty(),
         TrackKeeper(),
@@ -141,14 +147,16 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     now, moved, way, far = step_since(state.odometry, sweep.odometry, params)
     if not (first or far):
         return state, None
-    scan = _end_points(sweep, params)
-    if scan.shape[1] == 0:
+    points = _points(sweep, params)
+    if points.ends.shape[0] == 0:
         return state, None
-    state = state._replace(odometry=now, way_m=state.way_m + way)
+    reckoning, moved = reckon(state.reckoning, beams_of(points, sweep.scan.mount), moved, way, params)
+    state = state._replace(odometry=now, reckoning=reckoning, way_m=state.way_m + way)
+    scan = np.ascontiguousarray(points.ends.T, np.float32)
     ends = np.ascontiguousarray(scan[:, :: max(1, -(-scan.shape[1] // params.beams))])
     level = likelihood_field.levels_of(ends, params.sigma_hit_m, params.heading_sd_rad)
     base = _explained(state, ends, level, params)
-    local_history.remember(state.local, now[0], scan, state.way_m, params.history_m)
+    local_history.remember(state.local, reckoning.pose, scan, state.way_m, params.history_m)
     update = paper.update if params.variant == "paper" else corrected.update
     reading = Reading(moved, first, ends, level, base, sweep.stamp_ns)
     belief = update(Belief(state.pose, state.label, state.weight, state.b), reading, assets, params, draw)
@@ -156,13 +164,13 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     return _conclude(state, belief, sweep, ends)
 
 
-def _end_points(sweep: Sweep, params: Params) -> NDArray[np.float32]:
-    """End points of the beams that returned, float32 (2, b), base frame."""
+def _points(sweep: Sweep, params: Params) -> Points:
+    """The beams that returned within the usable range, thinned where there are many."""
     scan = sweep.scan
+    stride = -(-scan.ranges_m.size // _MOST_BEAMS) or 1
     high = params.max_range_m or scan.range_max_m
     angles = (scan.angle_min_rad, scan.angle_increment_rad)
-    points = points_of(scan.ranges_m, angles, (scan.range_min_m, high), scan.mount, 1, 0.0, 1.0)
-    return np.ascontiguousarray(points.ends.T, np.float32)
+    return points_of(scan.ranges_m, angles, (scan.range_min_m, high), scan.mount, stride, 0.0, CELL_M)
 
 
 def _explained(
@@ -171,7 +179,7 @@ def _explained(
     """Evidence that the last metres give to each beam: the map has to do better."""
     if not params.outside_likelihood or params.history_m == 0.0:
         return np.zeros((2, ends.shape[1]), np.float32)
-    away = local_history.explained_m(state.local, state.odometry[0], ends, state.way_m, params.history_m)
+    away = local_history.explained_m(state.local, state.reckoning.pose, ends, state.way_m, params.history_m)
     model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
     base = np.maximum(0.0, likelihood_field.log_ratio(away, model, level) - params.history_margin)
     # not seen often enough: a passer-by or the first sight of a wall; half an argument against the map, then none
@@ -184,17 +192,17 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     """Estimate and record."""
     b = belief.b
     inside = in_the_map(belief.label)
-    in_map = float(b[2] + b[3] + b[6])
+    in_map = float(b[0] + b[2] + b[3] + b[6])
     nowhere = estimate.PoseEstimate(np.full(3, np.nan), np.full((3, 3), np.nan), 0.0)
     found = nowhere
-    if inside.any() and in_map >= 0.5:
+    if inside.any() and in_map >= 0.5 and b[0] < in_map / 2:
         found = estimate.densest(belief.pose[inside], belief.weight[inside], _MODE_M, _MODE_RAD)
     elif b[4] + b[5] > b[1]:
         found = estimate.whole(belief.pose[~inside], belief.weight[~inside])
     state.track.update(found.pose, found.cov)
     state.in_map.append(in_map)
     state.stamps_ns.append(sweep.stamp_ns)
-    state.history.append(smooth.Step(belief.transition, belief.predicted, b))
+    state.history.append(smooth.Step(belief.transition, b))
     counts = np.bincount(belief.label, minlength=7)
     t = belief.transition
     rows = t.sum(axis=1)
@@ -202,6 +210,7 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     state.frames.offer(sweep.stamp_ns, found.pose, belief.pose, ends.T, belief.label)
     known = in_map >= 0.5 and inside.any()
     shares: dict[str, Any] = {f"b{k}": float(b[k]) for k in range(1, 7)}
+    shares["b3"] += float(b[0])
     shares |= {f"p{i}{j}": float(share[i, j]) for i, j in ((1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 3))}
     shares |= {f"n{k}": int(counts[k]) for k in range(2, 7)}
     variance = found.cov[0, 0] + found.cov[1, 1]
@@ -226,8 +235,8 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     if params.smooth:
         smoothed = smooth.backward(state.history)
         for k in range(1, 7):
-            columns[f"b{k}_smoothed"] = smoothed[:, k]
-        in_map = smoothed[:, 2] + smoothed[:, 3] + smoothed[:, 6]
+            columns[f"b{k}_smoothed"] = smoothed[:, k] + (smoothed[:, 0] if k == 3 else 0.0)
+        in_map = smoothed[:, 0] + smoothed[:, 2] + smoothed[:, 3] + smoothed[:, 6]
         columns["in_map_smoothed"] = in_map
     summary = {
         "updates": len(state.stamps_ns),

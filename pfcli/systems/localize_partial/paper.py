@@ -66,9 +66,7 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
             after[k] = alpha[k] * inside / whole  # (16), (17), (20)
     after /= after.sum()
     n_eff = float(1.0 / np.square(weight[label == 3]).sum()) if (label == 3).any() else 0.0
-    found: Any = belief._replace(
-        pose=pose, label=label, weight=weight * after[label], b=after, transition=transition, predicted=predicted
-    )
+    found: Any = belief._replace(pose=pose, label=label, weight=weight * after[label], b=after, transition=transition)
     return found._replace(n_eff=n_eff)  # type: ignore[no-any-return]
 
 

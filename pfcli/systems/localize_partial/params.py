@@ -44,15 +44,15 @@ class Params:
     history_m: Annotated[
         float, Opt("way whose scans predict the next one; the map must do better. 0: never", "m", 0, 50)
     ] = 15.0
-    history_margin: Annotated[float, Opt("how much worse than the map that prediction is taken to be", "", 0, 10)] = 0.2
+    history_margin: Annotated[float, Opt("how much worse than the map that prediction is taken to be", "", 0, 10)] = (
+        0.25
+    )
     kidnap_per_m: Annotated[
         float, Opt("share of the belief that may be anywhere else after a metre; 0 never", "1/m", 0, 1)
     ] = 0.001
-    slip: Annotated[
-        float, Opt("probability that a step's odometry is wrong, where the scan says that something is", "", 0, 0.5)
-    ] = 0.02
-    slip_xy_m: Annotated[float, Opt("how far off it is then (standard deviation)", "m", 0, 10)] = 0.3
-    slip_yaw_rad: Annotated[float, Opt("the same of the heading", "rad", 0, 3.2)] = 0.2
+    match_scans: Annotated[bool, Opt("match scans with those of the last metres: better odometry, wheels may slip")] = (
+        True
+    )
     model_unknown: Annotated[bool, Opt("beams that end in unknown cells say nothing")] = True
     kld: Annotated[bool, Opt("as many particles per cluster as its spread needs")] = True
     kld_error: Annotated[float, Opt("Kullback-Leibler distance that the particles may lose", "", 1e-3, 1)] = 0.01

@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 
 class Step(NamedTuple):
-    """One update: transition (7, 7), weight that went from class to class; predicted (7,), before the scan; b (7,)."""
+    """One update: transition (7, 7), weight that went from class to class; b (7,)."""
 
     transition: NDArray[np.float64]
-    predicted: NDArray[np.float64]
     b: NDArray[np.float64]
 
 
