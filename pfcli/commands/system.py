@@ -103,7 +103,7 @@ def command(name: str) -> click.Command:
         "--animate",
         type=click.Path(path_type=Path),
         default=None,
-        help="Also film the filter at work: GIF, or MP4 where ffmpeg is installed.",
+        help="Also film the filter at work: GIF, or MP4 where ffmpeg is installed; PNG, SVG or PDF: eight instants.",
     )
     @click.option(
         "--threads", type=click.IntRange(0, 1024), default=0, help="Threads of the kernels (default: all cores)."

@@ -40,15 +40,20 @@ def _picture(path: Path, title: str) -> Iterator[Any]:
     """Axes in metres; the picture is written when the block ends."""
     pyplot = agg()
     figure, axes = pyplot.subplots(figsize=(9, 8), layout="constrained")
-    metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix, {})
     try:
         yield axes
         axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=title)
         axes.legend(loc="upper right")
         with output_file(path) as partial:
-            figure.savefig(partial, dpi=110, metadata=metadata)
+            figure.savefig(partial, dpi=110, metadata=metadata_of(path))
     finally:
         pyplot.close(figure)
+
+
+def metadata_of(path: Path) -> dict[str, Any]:
+    """What keeps the date out of a picture, by its ending."""
+    found: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    return found.get(path.suffix, {})
 
 
 def agg() -> Any:
@@ -75,8 +80,8 @@ def _landmarks(axes: Any, table: dict[str, Any]) -> None:
     axes.plot(table["x_m"], table["y_m"], "+", color="black", markersize=6, label="landmarks")
 
 
-def draw_map(axes: Any, grid: GridMap) -> None:
-    """Occupied black, free white, unknown grey; turned as its origin is."""
+def draw_map(axes: Any, grid: GridMap) -> NDArray[np.float64]:
+    """Occupied black, free white, unknown grey; turned as its origin is. Returns its corners (4, 2), m."""
     from matplotlib.transforms import Affine2D
 
     shades = np.full(grid.cells.shape, 0.8)
@@ -90,3 +95,4 @@ def draw_map(axes: Any, grid: GridMap) -> None:
     corners = turned.transform([(x, y) for x in box[:2] for y in box[2:]])
     axes.set_xlim(corners[:, 0].min(), corners[:, 0].max())
     axes.set_ylim(corners[:, 1].min(), corners[:, 1].max())
+    return np.asarray(corners)

@@ -196,6 +196,33 @@ def partial(seed: int, route: str) -> World:
     return world._replace(route=np.array(_ROUTES[route], float))
 
 
+_FIRST_STEP_M = 0.03
+"""A robot's first reading comes one step after its first way point."""
+
+
+def two_drives(seed: int, drive: int) -> World:
+    """The office twice, for Zhang 2010, section 4: drive 1 sees its western rooms, drive 2 leaves what that saw and comes back.
+
+    The origin is where drive 1 is read first, so that a map of it (`slam-gdr`) and the truth of drive 2 have one frame.
+    """
+    world = office(seed)
+    middle, doors = world.route[0, 1], np.unique(world.route[1:-2, 0])
+    insides = {float(x): float(y) for x, y in world.route if y != middle}
+    west, east = [d for d in doors.tolist() if d < 19.0], [d for d in doors.tolist() if d > 26.0]
+
+    def visit(door: float) -> list[tuple[float, float]]:
+        return [(door, middle), (door, insides[door]), (door, middle)]
+
+    start = world.route[0] + (_FIRST_STEP_M, 0.0)
+    if drive == 1:
+        route = [tuple(world.route[0]), *itertools.chain(*map(visit, west)), (3.0, middle)]
+    else:
+        out = [p for d in (east[0], east[-1]) for p in visit(d)]
+        route = [*visit(west[1])[1:], *out, *visit(west[2]), *visit(west[0])[:2]]
+    shift = np.tile(start, 2)
+    return world._replace(walls=world.walls - shift, route=np.array(route) - start)
+
+
 def symmetric(seed: int) -> World:
     """A corridor with seven equal rooms on each side, told apart only by two boxes; the eastern end leads out of the map."""
     plan = _Plan(np.random.default_rng(seed))
@@ -306,6 +333,8 @@ WORLDS: dict[str, Callable[[int], World]] = {
     "four-rooms": lambda seed: four_rooms(seed, same=False),
     "four-rooms-same": lambda seed: four_rooms(seed, same=True),
     "partial-symmetric": lambda seed: symmetric(seed),
+    "partial-drive-1": lambda seed: two_drives(seed, 1),
+    "partial-drive-2": lambda seed: two_drives(seed, 2),
 }
 """Name -> world of a seed. `paper-*` are the two of Zhang 2016, section 3.2 (their plans are not public)."""
 

@@ -40,6 +40,19 @@ def test_a_film_shows_the_particles_gather(tmp_path: Path) -> None:
         assert film.convert("RGB").tobytes() != first
 
 
+def test_a_sheet_shows_eight_instants_and_repeats(tmp_path: Path) -> None:
+    result = done("localize-partial")[1].result
+    for name in "ab":
+        animate.animate(tmp_path / f"{name}.svg", result, "in and out")
+    text = (tmp_path / "a.svg").read_text()
+    assert text == (tmp_path / "b.svg").read_text()
+    assert [f'id="axes_{k}"' in text for k in (1, 8, 9)] == [True, True, False]
+    short = result._replace(frames=result.frames[:3])
+    animate.animate(tmp_path / "c.png", short, "three")
+    with Image.open(tmp_path / "c.png") as sheet:
+        assert sheet.width > 1000
+
+
 def test_a_film_that_cannot_be_made_is_refused_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(UsageError, match="ffmpeg"):
