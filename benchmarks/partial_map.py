@@ -44,9 +44,14 @@ SETTLED_M = 10.0
 RIGHT_M, RIGHT_RAD = 0.3, np.radians(10.0)
 
 
+KNOWN_SD_M = 5.0
+"""A pose outside counts as known while the filter says that it errs by less."""
+
+
 class Drive(NamedTuple):
     """A run beside its truth, one row per update: way, P(in), true in, true class, most likely class, position error,
-    heading error, time (s)."""
+    heading error, time (s), and position error as known afterwards (NaN without --smooth); ms an
+    update; what the filter says of its error (m)."""
 
     way: NDArray[np.float64]
     p_in: NDArray[np.float64]
@@ -57,6 +62,8 @@ class Drive(NamedTuple):
     error_yaw: NDArray[np.float64]
     t_s: NDArray[np.float64]
     ms: float
+    error_after: NDArray[np.float64]
+    sd_m: NDArray[np.float64]
 
 
 def log_of(scenario: str, seed: int) -> tuple[Path, Path]:
@@ -114,12 +121,22 @@ def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
         np.abs(metrics.wrap(poses[:, 2] - there[:, 2])),
         (stamps - stamps[0]) * 1e-9,
         1e3 * done.seconds["loop"] / len(done.infos),
+        np.hypot(*(_afterwards(done)[index] - there[:, :2]).T),
+        np.asarray(rows["sd_m"]),
     )
+
+
+def _afterwards(done: run.Run) -> NDArray[np.float64]:
+    """Positions (n, 2) as the whole log knows them."""
+    track = done.result.track
+    if "x_smoothed_m" not in track.columns:
+        return np.full((track.stamps_ns.size, 2), np.nan)
+    return np.stack([track.columns["x_smoothed_m"], track.columns["y_smoothed_m"]], axis=1)
 
 
 class Score(NamedTuple):
     """Of one drive: right in/out, Brier score, delays of crossings (m; inf where not noticed), right poses after entries
-    within 8 m, false entries, way outside (m), seconds outside, errors inside once converged."""
+    within 8 m, false entries, seconds outside, errors inside once converged (m, rad), errors outside (m), the same afterwards."""
 
     right: float
     brier: float
@@ -129,6 +146,8 @@ class Score(NamedTuple):
     outside_s: float
     errors: NDArray[np.float64]
     errors_yaw: NDArray[np.float64]
+    outside: NDArray[np.float64]
+    outside_after: NDArray[np.float64]
 
 
 def judge(d: Drive) -> Score:
@@ -163,7 +182,16 @@ def judge(d: Drive) -> Score:
         since[k] = run_m
     inside = since > 2.0
     return Score(
-        right, brier, delays, entered, starts.size, float(dt[~d.truly_in].sum()), d.error[inside], d.error_yaw[inside]
+        right,
+        brier,
+        delays,
+        entered,
+        starts.size,
+        float(dt[~d.truly_in].sum()),
+        d.error[inside],
+        d.error_yaw[inside],
+        np.where(d.sd_m <= KNOWN_SD_M, d.error, np.nan)[~d.truly_in],
+        d.error_after[~d.truly_in],
     )
 
 
@@ -173,7 +201,8 @@ LONG_OUTSIDE = ["partial-never", "partial-loops", "partial-30"]
 
 _HEAD = (
     "\n| {} | in/out right | Brier | noticed after [m]: median, 90 % | entries with the right pose within 8 m |"
-    " false entries | pose inside [m, deg] | ms an update |\n|---|---|---|---|---|---|---|---|"
+    " false entries |"
+    " pose inside [m, deg] | pose outside [m]: then, afterwards | ms an update |\n|---|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -304,8 +333,16 @@ def _row(name: str, scores: list[Score], ms: float) -> str:
     return (
         f"| {name} | {np.nanmean([s.right for s in scores]):.3f} | {np.nanmean([s.brier for s in scores]):.3f} |"
         f" {q[0]:.2f}, {q[1]:.2f} ({delays.size}) | {sum(entered)}/{len(entered)} |"
-        f" {sum(s.false_entries for s in scores)} in {hours:.2f} h | {rmse[0]:.3f}, {rmse[1]:.2f} | {ms:.2f} |"
+        f" {sum(s.false_entries for s in scores)} in {hours:.2f} h | {rmse[0]:.3f}, {rmse[1]:.2f} |"
+        f" {_known([s.outside for s in scores])}, {_known([s.outside_after for s in scores])} | {ms:.2f} |"
     )
+
+
+def _known(errors: list[NDArray[np.float64]]) -> str:
+    """RMSE of those that are known, and their share."""
+    every = np.concatenate(errors)
+    known = every[np.isfinite(every)]
+    return f"{np.sqrt(np.mean(known**2)):.2f} ({known.size / every.size:.2f})" if known.size else "-"
 
 
 def main(seeds: int = 10, *variants: str) -> None:

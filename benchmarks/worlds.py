@@ -107,7 +107,7 @@ def csail_doubled(done: run.Run) -> tuple[float, float]:
     """
     from pfcli.core.grid import tiles
     from pfcli.core.grid.scan_points import beams_of, points_of
-    from pfcli.systems.slam_gdr.filter import grid_of
+    from pfcli.systems.grids import grid_of
 
     track = done.result.track
     updates = track.columns["update"]

@@ -13,7 +13,7 @@ from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.rng import Draw
 from pfcli.systems.localize_partial import anneal, corrected, kernels, paper, reckoning, smooth, unplaced
-from pfcli.systems.localize_partial.belief import Assets, Belief, Reading
+from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading
 from pfcli.systems.localize_partial.params import Params
 
 MODEL = likelihood_field.Model(0.1, 0.8, 5.0)
@@ -123,6 +123,18 @@ def test_who_is_elsewhere_keeps_up_with_class_3_and_with_the_outside_but_not_for
         assert found == pytest.approx([best * np.exp(-0.9 / 4.5), outside])
     nobody = unplaced.elsewhere(np.zeros(3, np.bool_), weight, weight, 0.7, 0.0)
     assert nobody == pytest.approx([0.7, 0.7])
+
+
+def test_who_is_found_late_is_judged_by_the_last_metres_too(assets: Assets) -> None:
+    """Poses of a place that also fitted the scan before, half a metre behind, against such as fit now only."""
+    now, params = _reading(0.0, _seen_from(2.5, 1.5)), Params(beam_gain=0.1)
+    before = Past(np.array([-0.5, 0.0, 0.0]), *_reading(0.0, _seen_from(2.0, 1.5))[2:5], 0.25)
+    poses = np.array([[2.5, 1.5, 0.0], [3.4, 1.5, np.pi / 2]])
+    found = unplaced._hindsight(poses, now._replace(past=(before, before)), assets, params)
+    top = 0.1 * 90 * likelihood_field.log_ratio(np.full(1, 0.025), MODEL)[0]
+    assert found[0] == pytest.approx(2 * (top - 0.25), rel=0.02)
+    assert found[1] == pytest.approx(2 * (-unplaced.MOST_AGAINST - 0.25)), "a scan ends what it can say against a place"
+    assert unplaced._hindsight(poses, now, assets, params).tolist() == [0.0, 0.0]
 
 
 def test_who_is_lost_in_the_map_is_found_there_and_not_called_outside(assets: Assets) -> None:

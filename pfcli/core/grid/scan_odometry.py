@@ -31,7 +31,7 @@ class Setup(NamedTuple):
 
 
 class Matched(NamedTuple):
-    """pose (3,) in the frame of the first scan; information (3, 3) of its step, map frame; fits: the scan does not contradict
+    """pose (3,) in the frame of the first one; information (3, 3) of its step, map frame; fits: the scan does not contradict
     the map of the way behind it."""
 
     pose: NDArray[np.float64]
@@ -42,9 +42,9 @@ class Matched(NamedTuple):
 class ScanOdometry:
     """The pose by scans and odometry, and the maps of the last metres: at least `WAY_M` of way, at most twice as much."""
 
-    def __init__(self, setup: Setup, first: tiles.Beams) -> None:
+    def __init__(self, setup: Setup, first: tiles.Beams, pose: NDArray[np.float64] = np.zeros(3)) -> None:  # noqa: B008
         self._setup = setup
-        self.pose = np.zeros(3)
+        self.pose = pose
         self._older = draw_one(tiles.empty(1, setup.resolution_m), self.pose, first)
         self._newer: tiles.Tiles | None = None
         self._way_m, self._since_m = 0.0, 0.0

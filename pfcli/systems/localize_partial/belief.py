@@ -25,7 +25,8 @@ class Assets(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """Particles and class probabilities, and what the update says of itself. b[0]: part of class 3 without a pose."""
+    """Particles and class probabilities, and what the update says of itself. b[0]: part of class 3 without a pose, and
+    credit: log likelihood over the outside that it had for this scan."""
 
     pose: NDArray[np.float64]
     label: NDArray[np.uint8]
@@ -34,6 +35,7 @@ class Belief(NamedTuple):
     transition: NDArray[np.float64] = np.eye(7)
     log_evidence: float = 0.0
     n_eff: float = 0.0
+    credit: float = 0.0
 
 
 def in_the_map(label: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -47,9 +49,21 @@ def band_count(region: Region, moved: NDArray[np.float64], sd: NDArray[np.float6
     return int(np.searchsorted(region.edge_m, reach, side="right"))
 
 
+class Past(NamedTuple):
+    """An update before: the pose now seen from its pose's reckoning (3,), its beams as in `Reading`, and the log likelihood that
+    those who are somewhere in the map have been credited with for it."""
+
+    back: NDArray[np.float64]
+    ends: NDArray[np.float32]
+    level: NDArray[np.int32]
+    base: NDArray[np.float32]
+    credit: float
+
+
 class Reading(NamedTuple):
     """What an update brings: step (3,) since the last one in the base frame, whether it is the first, end points of the
-    scan float32 (2, b), for each beam the level of the field (b,) and what the last metres explain (2, b), the stamp."""
+    scan float32 (2, b), for each beam the level of the field (b,) and what the last metres explain (2, b), the stamp; past:
+    updates of the last metres."""
 
     moved: NDArray[np.float64]
     first: bool
@@ -57,3 +71,4 @@ class Reading(NamedTuple):
     level: NDArray[np.int32]
     base: NDArray[np.float32]
     stamp_ns: int
+    past: tuple[Past, ...] = ()

@@ -16,7 +16,16 @@ from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import anneal, kernels
 from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, in_the_map
 from pfcli.systems.localize_partial.params import Params
-from pfcli.systems.localize_partial.unplaced import BLIND, Placed, come_back, elsewhere, lose, search, together
+from pfcli.systems.localize_partial.unplaced import (
+    BLIND,
+    MOST_AGAINST,
+    Placed,
+    come_back,
+    elsewhere,
+    lose,
+    search,
+    together,
+)
 from pfcli.systems.pace import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
@@ -25,8 +34,6 @@ _ASKED, _SETTLED_M, _SETTLED_SHARE = 64, 0.5, 0.9
 """Particles of class 3 that are asked together, and what share of them must lie how near to each other."""
 _MARGIN_LEFT = 0.5
 """Share of the history's margin that is granted then: the other half stood for the spread."""
-_MOST_AGAINST = 1.0
-"""Log evidence that a single scan may hold against the whole map: one glance at a crowd is no proof that the robot has left."""
 
 
 class Cloud(NamedTuple):
@@ -59,6 +66,7 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
         label = np.full(pose.shape[0], 3, np.uint8)
     cloud = Cloud(pose, label, weight, _log_ratios(pose, label, reading, assets, params))
     settled = _settled(cloud, reading, assets, params, draw)
+    was = unplaced
     weight, unplaced, log_evidence = _weigh(cloud, unplaced, settled, float(np.hypot(moved[0], moved[1])), params)
     held = float(weight.sum())
     n_eff = float(effective_sample_size(weight / held)) if held > 0.0 else 0.0
@@ -71,7 +79,10 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
     weight = weight / total
     b = kernels.masses(label, weight)
     b[:2] = unplaced / total
-    return Belief(pose, label, weight, b, transition, log_evidence, n_eff)
+    credit = 0.0
+    if was.min() > 0.0 and unplaced.min() > 0.0:
+        credit = float(np.log(unplaced[0] / was[0]) - np.log(unplaced[1] / was[1]))
+    return Belief(pose, label, weight, b, transition, log_evidence, n_eff, credit)
 
 
 def _log_ratios(
@@ -123,7 +134,7 @@ def _weigh(
     """
     _, label, weight, log_ratio = cloud
     least = -np.inf if settled is None else settled
-    after, sum_after, top, before, left = kernels.weigh(label, weight, log_ratio, least, _MOST_AGAINST)
+    after, sum_after, top, before, left = kernels.weigh(label, weight, log_ratio, least, MOST_AGAINST)
     if params.outside_likelihood:
         unplaced = unplaced * elsewhere(label == 3, weight, after, float(np.exp(-top)), way_m)
         total = sum_after + unplaced.sum()

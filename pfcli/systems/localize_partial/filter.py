@@ -11,19 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate, particles
+from pfcli.core.geometry import between
 from pfcli.core.grid import local_history
 from pfcli.core.grid.region import region_of
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
+from pfcli.core.grid.tiles import Beams
 from pfcli.core.sensor import likelihood_field
 from pfcli.errors import LogError
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
+from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.localize_partial import corrected, paper, smooth, unplaced
-from pfcli.systems.localize_partial.belief import Assets, Belief, Reading, in_the_map
+from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading, in_the_map
+from pfcli.systems.localize_partial.extend import extended
 from pfcli.systems.localize_partial.params import Params
 from pfcli.systems.localize_partial.reckoning import CELL_M, Reckoning, reckon
 from pfcli.systems.pace import step_since
@@ -33,6 +37,10 @@ from pfcli.systems.track import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
 _MOST_BEAMS = 400
+_PAST, _PAST_EVERY = 10, 2
+"""Updates that are kept to ask them again where a robot may be in the map: every second one."""
+_SURE = 0.9
+"""Share of all mass at one place in the map, from which on the pose counts as known afterwards."""
 _MOST_STARTS = 2_000_000
 _NOVEL = 0.5
 """Share of a mismatch that is forgiven a beam which ends where nothing was ever hit before."""
@@ -85,6 +93,9 @@ class State(NamedTuple):
     history: list[smooth.Step]
     in_map: list[float]
     stamps_ns: list[int]
+    past: list[Past]
+    reckoned: list[smooth.Reckoned]
+    scans: list[Beams]
 
 
 def load(params: Params, job: Any) -> Assets:
@@ -137,6 +148,9 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         [],
         [],
         [],
+        [],
+        [],
+        [],
     )
 
 
@@ -150,7 +164,10 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     points = _points(sweep, params)
     if points.ends.shape[0] == 0:
         return state, None
-    reckoning, moved = reckon(state.reckoning, beams_of(points, sweep.scan.mount), moved, way, params)
+    beams = beams_of(points, sweep.scan.mount)
+    reckoning, moved = reckon(state.reckoning, beams, moved, way, params)
+    if params.extend_map:
+        state.scans.append(beams)
     state = state._replace(odometry=now, reckoning=reckoning, way_m=state.way_m + way)
     scan = np.ascontiguousarray(points.ends.T, np.float32)
     ends = np.ascontiguousarray(scan[:, :: max(1, -(-scan.shape[1] // params.beams))])
@@ -158,8 +175,12 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     base = _explained(state, ends, level, params)
     local_history.remember(state.local, reckoning.pose, scan, state.way_m, params.history_m)
     update = paper.update if params.variant == "paper" else corrected.update
-    reading = Reading(moved, first, ends, level, base, sweep.stamp_ns)
+    past = tuple(Past(between(reckoning.pose[None], p.back[None])[0], *p[1:]) for p in state.past)
+    reading = Reading(moved, first, ends, level, base, sweep.stamp_ns, past)
     belief = update(Belief(state.pose, state.label, state.weight, state.b), reading, assets, params, draw)
+    if len(state.stamps_ns) % _PAST_EVERY == 0:
+        state.past.append(Past(reckoning.pose, ends, level, base, belief.credit))
+        del state.past[:-_PAST]
     state = state._replace(pose=belief.pose, label=belief.label, weight=belief.weight, b=belief.b)
     return _conclude(state, belief, sweep, ends)
 
@@ -208,7 +229,10 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     rows = t.sum(axis=1)
     share = np.divide(t, rows[:, None], out=np.zeros((7, 7)), where=rows[:, None] > 0)
     state.frames.offer(sweep.stamp_ns, found.pose, belief.pose, ends.T, belief.label)
-    known = in_map >= 0.5 and inside.any()
+    known = in_map >= 0.5 and bool(inside.any())
+    linked = state.reckoning.astray_m == 0.0 and b[0] < 0.5  # else the robot may just have been carried
+    sure = known and found.mass >= _SURE
+    state.reckoned.append(smooth.Reckoned(state.reckoning.pose, linked, found.pose, sure, state.way_m))
     shares: dict[str, Any] = {f"b{k}": float(b[k]) for k in range(1, 7)}
     shares["b3"] += float(b[0])
     shares |= {f"p{i}{j}": float(share[i, j]) for i, j in ((1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 3))}
@@ -232,19 +256,29 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     """Track with the probability of being in the map, entries and exits."""
     in_map = np.array(state.in_map)
     columns = {"in_map": in_map}
+    layers: dict[str, GridMap] = {}
     if params.smooth:
         smoothed = smooth.backward(state.history)
         for k in range(1, 7):
             columns[f"b{k}_smoothed"] = smoothed[:, k] + (smoothed[:, 0] if k == 3 else 0.0)
         in_map = smoothed[:, 0] + smoothed[:, 2] + smoothed[:, 3] + smoothed[:, 6]
         columns["in_map_smoothed"] = in_map
+    track = state.track.track(columns)
+    if params.smooth:
+        poses = smooth.poses(state.reckoned, in_map)
+        state.track.replace(poses, np.full((len(poses), 3, 3), np.nan))
+        afterwards = state.track.track({}).poses
+        names = ("x_smoothed_m", "y_smoothed_m", "yaw_smoothed_rad")
+        track = track._replace(columns=track.columns | dict(zip(names, afterwards.T, strict=True)))
+        if params.extend_map:
+            layers["extended"] = extended(assets.grid, state.scans, poses)
     summary = {
         "updates": len(state.stamps_ns),
         "crossings": smooth.crossings(np.array(state.stamps_ns), in_map),
         "in_map_at_end": round(float(in_map[-1]), 4),
         "particles_at_end": int(state.pose.shape[0]),
     }
-    return Result(state.track.track(columns), assets.grid, state.frames.frames(), summary, given_frame=True)
+    return Result(track, assets.grid, state.frames.frames(), summary, layers, given_frame=True)
 
 
 SYSTEM = System(

@@ -57,8 +57,11 @@ class Params:
     kld: Annotated[bool, Opt("as many particles per cluster as its spread needs")] = True
     kld_error: Annotated[float, Opt("Kullback-Leibler distance that the particles may lose", "", 1e-3, 1)] = 0.01
     smooth: Annotated[
-        bool, Opt("forward-backward class probabilities: entries and exits as the whole log knows them")
+        bool, Opt("classes, entries, exits and poses as the whole log knows them, beside those at the time")
     ] = True
+    extend_map: Annotated[
+        bool, Opt("also write extended.pgm: the map, and beyond it what the robot saw (with --smooth)")
+    ] = False
     robot_radius_m: Annotated[float, Opt("a robot of this radius must fit through a frontier", "m", 0, 10)] = 0.15
     pocket_m2: Annotated[float, Opt("unknown patches smaller than this belong to the inside", "m^2", 0, 1e6)] = 1.0
     beams: Annotated[int, Opt("beams of a scan that are used", "", 1, 100_000)] = 60

@@ -22,15 +22,19 @@ _WINDOW = Window(0.3, 0.35, 0.15, 0.035, 0.12, 50, 0.005)
 CELL_M = 0.05
 """Side of a cell of the local map."""
 _DRAW_INLIERS = 0.5
+_ASTRAY_M = 1.0
+"""After so much way on which no scan fits those before, the last metres are forgotten: the robot was carried."""
 _TIGHTER = 0.25
 """Share of the particles' noise along the way by which odometry errs while no wheel slips: what people who walk along pull by."""
 
 
 class Reckoning(NamedTuple):
-    """pose (3,) in the frame of the first scan, by odometry and scans; scans: what matches them, None before the first."""
+    """pose (3,) in the frame of the first scan, by odometry and scans; scans: what matches them, None before the first;
+    astray_m: way on which no scan has fitted those before."""
 
     pose: NDArray[np.float64] = np.zeros(3)
     scans: ScanOdometry | None = None
+    astray_m: float = 0.0
 
 
 def reckon(
@@ -40,9 +44,13 @@ def reckon(
     if not params.match_scans or params.variant == "paper":
         return before._replace(pose=compose(before.pose[None], moved[None])[0]), moved
     noise = noise_of(params)
+    setup = Setup(_MATCHER, _WINDOW, noise, CELL_M, _DRAW_INLIERS)
     if before.scans is None:
-        setup = Setup(_MATCHER, _WINDOW, noise, CELL_M, _DRAW_INLIERS)
         return before._replace(scans=ScanOdometry(setup, scan)), moved
     rolling = noise._replace(xy_per_m=_TIGHTER * noise.xy_per_m, xy_m=_TIGHTER * noise.xy_m)
     found = before.scans.step(scan, moved, way_m + TURN_M * abs(float(moved[2])), rolling)
-    return before._replace(pose=found.pose), between(before.pose[None], found.pose[None])[0]
+    step = between(before.pose[None], found.pose[None])[0]
+    astray_m = 0.0 if found.fits else before.astray_m + way_m
+    if astray_m > _ASTRAY_M:
+        return Reckoning(found.pose, ScanOdometry(setup, scan, found.pose), astray_m), step
+    return Reckoning(found.pose, before.scans, astray_m), step

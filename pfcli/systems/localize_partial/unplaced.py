@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import particles
+from pfcli.core.geometry import compose
 from pfcli.core.resample import systematic
+from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import anneal, kernels
 from pfcli.systems.localize_partial.belief import Assets, Reading, band_count
@@ -20,14 +22,16 @@ from pfcli.systems.pace import step_noise
 WORTH_A_SEARCH = 3e-4
 """Mass without a pose from which it is asked where it may be: surprises raise it in a few scans."""
 BLIND = 3
-"""Blind poses anywhere in the map, as a multiple of the samples at frontiers, however little mass is looked for: too few of
-them miss the place, and what was missed is lost."""
+"""Blind poses, anywhere in the map, for each that is gathered, and of these `frontier_samples`, however little mass is looked
+for: too few of them miss the place."""
 _LOOKED_FOR = 0.1
 """Share of those somewhere in the map that is looked for at each update."""
 MISSED = 0.1
 """Share of those in the map at an unknown start whose place the first particles miss."""
 _WRONG_LASTS_M = 4.5
 """Mean way for which a wrong place goes on explaining the scans (decision 029)."""
+MOST_AGAINST = 1.0
+"""Log evidence that a single scan may hold against the whole map: one glance at a crowd is no proof that the robot has left."""
 _BACK = 1e-7
 """Mass of class 6 from which it is gathered."""
 
@@ -106,22 +110,35 @@ def search(
     for source, of_class in ((1, 2), (0, 3)):
         if unplaced[source] <= WORTH_A_SEARCH:
             continue
-        wanted = kernels.worth(unplaced[source], params.frontier_samples, params.min_particles)
+        wanted = params.frontier_samples
         if of_class == 2:
+            wanted = kernels.worth(unplaced[source], wanted, params.min_particles)
             share = 1.0 - float(np.exp(-np.hypot(reading.moved[0], reading.moved[1]) / params.entry_length_m))
             poses = _at_frontiers(wanted, reading, assets, params, rng) if share > 0.0 else np.empty((0, 3))
         else:
             share = _LOOKED_FOR
-            poses = particles.uniform(region.free_xy, region.resolution_m / 2, BLIND * params.frontier_samples, rng)
+            poses = particles.uniform(region.free_xy, region.resolution_m / 2, BLIND * wanted, rng)
         if poses.shape[0] == 0:
             continue
         mass = share * float(unplaced[source])
-        poses, weight = anneal.gather(poses, mass, wanted, reading, assets, params, rng)
+        poses, weight = anneal.gather(poses, mass, wanted, reading, assets, params, rng, alone=of_class == 3)
+        if of_class == 3:
+            weight = weight * np.exp(_hindsight(poses, reading, assets, params))
         found = together(found, Placed(poses, np.full(weight.size, of_class, np.uint8), weight))
         transition[:, of_class] += share * transition[:, source]
         transition[:, source] *= 1.0 - share
         left[source] -= mass
     return found, left
+
+
+def _hindsight(poses: NDArray[np.float64], reading: Reading, assets: Assets, params: Params) -> NDArray[np.float64]:
+    """Log likelihood (n,) of the last metres' scans for those who are found only now, and have been in the map all along."""
+    total = np.zeros(poses.shape[0])
+    for past in reading.past:
+        then = compose(poses, past.back[None])
+        log = params.beam_gain * likelihood_field.evidence(then, past.ends, assets.field, past.level, past.base)
+        total += np.maximum(log, -MOST_AGAINST) - past.credit
+    return total
 
 
 def _at_frontiers(

@@ -16,12 +16,12 @@ from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.events import Pose2, Sweep
-from pfcli.formats.map_yaml import GridMap
+from pfcli.events import Sweep
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.gdr_resampling import ancestors_of, dispersed
+from pfcli.systems.grids import grid_of
 from pfcli.systems.pace import noise_of, step_since
 from pfcli.systems.result import Frame, Result
 from pfcli.systems.slam_gdr import smooth
@@ -253,16 +253,6 @@ def _moved(
         to = [compose(after[k : k + 1], between(before[k : k + 1], p)) for p in (frame.pose[None], frame.particles)]
         out.append(frame._replace(pose=to[0][0], particles=to[1]))
     return out
-
-
-def grid_of(maps: tiles.Tiles, particle: int) -> GridMap:
-    """A particle's map, cut to what it has seen."""
-    cells = tiles.classify(maps, particle)
-    rows, cols = np.flatnonzero((cells >= 0).any(axis=1)), np.flatnonzero((cells >= 0).any(axis=0))
-    cut = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    corner = maps.corner * tiles.SIDE
-    x, y = (float(round(v * maps.resolution_m, 9)) for v in (corner[0] + cols[0], corner[1] + rows[0]))
-    return GridMap(np.ascontiguousarray(cut), maps.resolution_m, Pose2(x, y, 0.0))
 
 
 SYSTEM = System(
