@@ -1,18 +1,25 @@
 """The six states, their probabilities, and what the printed algorithm makes of them."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pfcli import run
+from pfcli.core.grid.distance import distance_m
 from pfcli.core.grid.region import crosses_wall, places, region_of
 from pfcli.core.grid.tiles import Beams
 from pfcli.core.sensor import likelihood_field
 from pfcli.events import Pose2
 from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
+from pfcli.registry import system
+from pfcli.replay import Log
+from pfcli.report import metrics
 from pfcli.rng import Draw
-from pfcli.systems.localize_partial import anneal, corrected, kernels, paper, reckoning, smooth, unplaced
+from pfcli.simulate.world import WORLDS, rasterize
+from pfcli.systems.localize_partial import anneal, corrected, extend, kernels, paper, reckoning, smooth, unplaced
 from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading
 from pfcli.systems.localize_partial.params import Params
 
@@ -392,3 +399,84 @@ def test_scans_of_the_last_metres_put_slips_and_scales_of_the_odometry_right() -
         after, step = reckoning.reckon(state, scan, moved, 0.1, given)
         assert after.scans is None
         assert np.array_equal(step, moved)
+
+
+def _update(pose: list[float], found: list[float] | None, way_m: float, linked: bool = True) -> smooth.Reckoned:
+    known = np.full(3, np.nan) if found is None else np.array(found)
+    return smooth.Reckoned(np.array(pose), linked, known, found is not None, way_m)
+
+
+def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
+    """Reckoning is 0.3 m and 0.2 rad off where the robot comes back: that has come with the way."""
+    updates = [_update([0.0, 0.0, 0.0], [1.0, 2.0, np.pi / 2], 0.0)]
+    updates += [_update([k, 0.0, 0.0], None, float(k)) for k in (1, 2, 3)]
+    updates += [_update([4.0, 0.0, 0.0], [1.3, 6.0, np.pi / 2 + 0.2], 4.0)]
+    found = smooth.poses(updates, np.array([1.0, 0.0, 0.0, 0.0, 1.0]))
+    assert found[[0, 4]] == pytest.approx(np.array([[1.0, 2.0, np.pi / 2], [1.3, 6.0, np.pi / 2 + 0.2]]))
+    for k in (1, 2, 3):
+        back = np.array([1.3 + (4 - k) * np.sin(0.2), 6.0 - (4 - k) * np.cos(0.2), np.pi / 2 + 0.2])
+        assert found[k] == pytest.approx((1 - k / 4) * np.array([1.0, 2.0 + k, np.pi / 2]) + k / 4 * back)
+
+
+def test_afterwards_a_robot_that_came_in_late_has_its_way_before_and_none_where_it_was_carried() -> None:
+    updates = [_update([k, 0.0, 0.0], None, float(k), linked=k != 2) for k in range(4)]
+    updates += [_update([4.0, 0.0, 0.0], [7.0, 1.0, 0.0], 4.0), _update([5.0, 0.0, 0.0], None, 5.0)]
+    found = smooth.poses(updates, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
+    assert np.isnan(found[:2]).all()
+    assert found[2:, 0] == pytest.approx([5.0, 6.0, 7.0, 8.0])
+    assert np.isnan(smooth.poses(updates[:2], np.zeros(2))).all()
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_a_map_is_extended_beyond_its_edge_and_nowhere_else(yaw: float) -> None:
+    rng = np.random.default_rng(3)
+    cells = rng.integers(-1, 2, (40, 50)).astype(np.int8)
+    grid = GridMap(cells, 0.1, Pose2(1.0, -2.0, yaw))
+    more = GridMap(rng.integers(-1, 2, (60, 70)).astype(np.int8), 0.1, Pose2(-1.5, -3.0, 0.0))
+    found = extend.merged(grid, more)
+    assert found.origin.yaw_rad == yaw
+    c, s = np.cos(yaw), np.sin(yaw)
+
+    def value(of: GridMap, x: float, y: float) -> int:
+        dx, dy = x - of.origin.x_m, y - of.origin.y_m
+        cy, sy = np.cos(of.origin.yaw_rad), np.sin(of.origin.yaw_rad)
+        col, row = int(np.floor((cy * dx + sy * dy) / 0.1)), int(np.floor((cy * dy - sy * dx) / 0.1))
+        inside = 0 <= row < of.cells.shape[0] and 0 <= col < of.cells.shape[1]
+        return int(of.cells[row, col]) if inside else -1
+
+    low = round((c * (found.origin.x_m - 1.0) + s * (found.origin.y_m + 2.0)) / 0.1)
+    left = round((c * (found.origin.y_m + 2.0) - s * (found.origin.x_m - 1.0)) / 0.1)
+    assert (
+        found.cells[-left:, -low:][:40, :50] == np.where(cells == -1, found.cells[-left:, -low:][:40, :50], cells)
+    ).all()
+    for row, col in rng.integers(0, found.cells.shape, (300, 2)):
+        x = found.origin.x_m + 0.1 * (c * (col + 0.5) - s * (row + 0.5))
+        y = found.origin.y_m + 0.1 * (s * (col + 0.5) + c * (row + 0.5))
+        mine = value(grid, x, y)
+        assert found.cells[row, col] == (mine if mine != -1 else value(more, x, y))
+    assert extend.extended(grid, [], np.empty((0, 3))) is grid
+
+
+def test_the_sample_afterwards_is_known_outside_too_and_draws_what_lies_there() -> None:
+    partial, folder = system("localize-partial"), Path(__file__).parents[2] / "sample_logs"
+    job = run.Job(partial, Params(extend_map=True), [folder / "partial.mcap"], map=folder / "partial-partial.yaml")
+    done = run.execute(job._replace(truth="auto"))
+    track, truth = done.result.track, list(Log(folder / "partial.mcap").events(["truth"]))
+    there = metrics.interpolate(
+        track.stamps_ns, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
+    )
+    error = np.hypot(track.columns["x_smoothed_m"] - there[:, 0], track.columns["y_smoothed_m"] - there[:, 1])
+    outside = there[:, 0] > 12.5
+    assert outside.sum() > 50
+    assert error[outside].max() < 0.25
+    given, found = done.result.grid, done.result.layers["extended"]
+    assert given is not None
+    whole = rasterize(WORLDS["partial-leave"](1), 0.05)
+    row, col = np.nonzero(found.cells == 1)
+    x, y = found.origin.x_m + 0.05 * (col + 0.5), found.origin.y_m + 0.05 * (row + 0.5)
+    beyond = x > 12.3
+    away = distance_m(whole.cells == 1, 0.05)
+    at = away[((y - whole.origin.y_m) / 0.05).astype(int), ((x - whole.origin.x_m) / 0.05).astype(int)]
+    assert beyond.sum() > 300
+    assert np.quantile(at[beyond], 0.95) <= 0.15
+    assert (found.cells >= 0).sum() > 1.2 * (given.cells >= 0).sum()

@@ -17,7 +17,7 @@ from pfcli.core.grid.region import region_of
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.grid.tiles import Beams
 from pfcli.core.sensor import likelihood_field
-from pfcli.errors import LogError
+from pfcli.errors import LogError, UsageError
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
 from pfcli.formats.map_yaml import GridMap
@@ -99,7 +99,10 @@ class State(NamedTuple):
 
 
 def load(params: Params, job: Any) -> Assets:
-    """Read the map. Raises LogError where nobody could be localised in it, UsageError for a start outside."""
+    """Read the map. Raises LogError where nobody could be localised in it, UsageError for a start outside, or --no-smooth
+    with --extend-map."""
+    if params.extend_map and not params.smooth:
+        raise UsageError("--extend-map draws where the whole log says that the robot was: leave out --no-smooth")
     grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
     origin = grid.origin
     region = region_of(grid.cells, grid.resolution_m, origin, params.robot_radius_m, params.pocket_m2)
