@@ -22,8 +22,11 @@ from pfcli.systems.pace import step_noise
 WORTH_A_SEARCH = 3e-4
 """Mass without a pose from which it is asked where it may be: surprises raise it in a few scans."""
 BLIND = 3
-"""Blind poses, anywhere in the map, for each that is gathered, and of these `frontier_samples`, however little mass is looked
-for: too few of them miss the place."""
+"""Blind poses anywhere in the map, as a multiple of `frontier_samples`, however little mass is looked for: too few of them miss
+the place."""
+_GIVEN_UP = 0.1
+"""Mass of class 1 from which no place is believed in any more, and all that the last metres say counts for another one. Before
+that the map may as well be wrong where the robot is (Wean Hall, 6 m): then places elsewhere fit them better."""
 _LOOKED_FOR = 0.1
 """Share of those somewhere in the map that is looked for at each update."""
 MISSED = 0.1
@@ -110,19 +113,20 @@ def search(
     for source, of_class in ((1, 2), (0, 3)):
         if unplaced[source] <= WORTH_A_SEARCH:
             continue
-        wanted = params.frontier_samples
+        given_up = of_class == 3 and unplaced[1] > _GIVEN_UP
+        most = params.frontier_samples
+        wanted = most if given_up else kernels.worth(unplaced[source], most, params.min_particles)
         if of_class == 2:
-            wanted = kernels.worth(unplaced[source], wanted, params.min_particles)
             share = 1.0 - float(np.exp(-np.hypot(reading.moved[0], reading.moved[1]) / params.entry_length_m))
             poses = _at_frontiers(wanted, reading, assets, params, rng) if share > 0.0 else np.empty((0, 3))
         else:
             share = _LOOKED_FOR
-            poses = particles.uniform(region.free_xy, region.resolution_m / 2, BLIND * wanted, rng)
+            poses = particles.uniform(region.free_xy, region.resolution_m / 2, BLIND * most, rng)
         if poses.shape[0] == 0:
             continue
         mass = share * float(unplaced[source])
-        poses, weight = anneal.gather(poses, mass, wanted, reading, assets, params, rng, alone=of_class == 3)
-        if of_class == 3:
+        poses, weight = anneal.gather(poses, mass, wanted, reading, assets, params, rng, alone=given_up)
+        if given_up:
             weight = weight * np.exp(_hindsight(poses, reading, assets, params))
         found = together(found, Placed(poses, np.full(weight.size, of_class, np.uint8), weight))
         transition[:, of_class] += share * transition[:, source]
