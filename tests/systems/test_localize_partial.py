@@ -135,9 +135,11 @@ def test_who_is_elsewhere_keeps_up_with_class_3_and_with_the_outside_but_not_for
 def test_who_is_found_late_is_judged_by_the_last_metres_too(assets: Assets) -> None:
     """Poses of a place that also fitted the scan before, half a metre behind, against such as fit now only."""
     now, params = _reading(0.0, _seen_from(2.5, 1.5)), Params(beam_gain=0.1)
-    before = Past(np.array([-0.5, 0.0, 0.0]), *_reading(0.0, _seen_from(2.0, 1.5))[2:5], 0.25)
+    before = Past(np.array([3.5, 2.0, np.pi / 2]), *_reading(0.0, _seen_from(2.0, 1.5))[2:5], 0.25)
     poses = np.array([[2.5, 1.5, 0.0], [3.4, 1.5, np.pi / 2]])
-    found = unplaced._hindsight(poses, now._replace(past=(before, before)), assets, params)
+    found = unplaced._hindsight(
+        poses, now._replace(reckoned=np.array([3.5, 2.5, np.pi / 2]), past=(before, before)), assets, params
+    )
     top = 0.1 * 90 * likelihood_field.log_ratio(np.full(1, 0.025), MODEL)[0]
     assert found[0] == pytest.approx(2 * (top - 0.25), rel=0.02)
     assert found[1] == pytest.approx(2 * (-unplaced.MOST_AGAINST - 0.25)), "a scan ends what it can say against a place"

@@ -1,5 +1,6 @@
 """The belief over six states, what it is judged against, and how far a step reaches."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -50,10 +51,10 @@ def band_count(region: Region, moved: NDArray[np.float64], sd: NDArray[np.float6
 
 
 class Past(NamedTuple):
-    """An update before: the pose now seen from its pose's reckoning (3,), its beams as in `Reading`, and the log likelihood that
-    those who are somewhere in the map have been credited with for it."""
+    """An update before: its reckoned pose (3,), its beams as in `Reading`, and the log likelihood that those who are somewhere in
+    the map have been credited with for it."""
 
-    back: NDArray[np.float64]
+    reckoned: NDArray[np.float64]
     ends: NDArray[np.float32]
     level: NDArray[np.int32]
     base: NDArray[np.float32]
@@ -62,8 +63,8 @@ class Past(NamedTuple):
 
 class Reading(NamedTuple):
     """What an update brings: step (3,) since the last one in the base frame, whether it is the first, end points of the
-    scan float32 (2, b), for each beam the level of the field (b,) and what the last metres explain (2, b), the stamp; past:
-    updates of the last metres."""
+    scan float32 (2, b), for each beam the level of the field (b,) and what the last metres explain (2, b), the stamp; the
+    reckoned pose (3,), and updates of the last metres."""
 
     moved: NDArray[np.float64]
     first: bool
@@ -71,4 +72,5 @@ class Reading(NamedTuple):
     level: NDArray[np.int32]
     base: NDArray[np.float32]
     stamp_ns: int
-    past: tuple[Past, ...] = ()
+    reckoned: NDArray[np.float64] = np.zeros(3)
+    past: Sequence[Past] = ()

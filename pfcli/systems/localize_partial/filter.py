@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate, particles
-from pfcli.core.geometry import between
 from pfcli.core.grid import local_history
 from pfcli.core.grid.region import region_of
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
@@ -178,8 +177,7 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     base = _explained(state, ends, level, params)
     local_history.remember(state.local, reckoning.pose, scan, state.way_m, params.history_m)
     update = paper.update if params.variant == "paper" else corrected.update
-    past = tuple(Past(between(reckoning.pose[None], p.back[None])[0], *p[1:]) for p in state.past)
-    reading = Reading(moved, first, ends, level, base, sweep.stamp_ns, past)
+    reading = Reading(moved, first, ends, level, base, sweep.stamp_ns, reckoning.pose, state.past)
     belief = update(Belief(state.pose, state.label, state.weight, state.b), reading, assets, params, draw)
     if len(state.stamps_ns) % _PAST_EVERY == 0:
         state.past.append(Past(reckoning.pose, ends, level, base, belief.credit))

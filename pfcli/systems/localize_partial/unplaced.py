@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import particles
-from pfcli.core.geometry import compose
+from pfcli.core.geometry import between, compose
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
@@ -139,7 +139,7 @@ def _hindsight(poses: NDArray[np.float64], reading: Reading, assets: Assets, par
     """Log likelihood (n,) of the last metres' scans for those who are found only now, and have been in the map all along."""
     total = np.zeros(poses.shape[0])
     for past in reading.past:
-        then = compose(poses, past.back[None])
+        then = compose(poses, between(reading.reckoned[None], past.reckoned[None]))
         log = params.beam_gain * likelihood_field.evidence(then, past.ends, assets.field, past.level, past.base)
         total += np.maximum(log, -MOST_AGAINST) - past.credit
     return total
