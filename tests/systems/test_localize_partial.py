@@ -126,10 +126,10 @@ def test_who_is_elsewhere_keeps_up_with_class_3_and_with_the_outside_but_not_for
         ([0.0, 0.0, 0.6], 1.0, 1.0),  # it does not: neither is evidence
         ([0.1, 0.1, 0.0], 0.8, 0.8),
     ):
-        found = unplaced.elsewhere(threes, weight, np.array(after), outside, 0.9)
-        assert found == pytest.approx([best * np.exp(-0.9 / 4.5), outside])
-    nobody = unplaced.elsewhere(np.zeros(3, np.bool_), weight, weight, 0.7, 0.0)
-    assert nobody == pytest.approx([0.7, 0.7])
+        found = unplaced.elsewhere(threes, weight, np.array(after), float(np.log(outside)), 0.9)
+        assert found == pytest.approx(np.log(best) - 0.9 / 4.5)
+    nobody = unplaced.elsewhere(np.zeros(3, np.bool_), weight, weight, -0.3, 0.0)
+    assert nobody == pytest.approx(-0.3)
 
 
 def test_who_is_found_late_is_judged_by_the_last_metres_too(assets: Assets) -> None:

@@ -11,6 +11,7 @@ from pfcli.core.sensor import likelihood_field
 from pfcli.systems.localize_partial.belief import Assets, Reading
 from pfcli.systems.localize_partial.params import Params
 
+_MOST_LOG = 700.0
 _ARM_M = 5.0
 """Distance at which a jitter of the heading moves an end point as far as that of the position."""
 
@@ -41,7 +42,7 @@ def gather(
             np.minimum(reading.base, [[0.0], [np.inf]], dtype=np.float32) if alone else _blurred(reading, level, assets)
         )
         log = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, base)
-        weight = weight * np.exp(log - before)
+        weight = weight * np.exp(np.minimum(log - before, _MOST_LOG))
         total = weight.sum()
         poses = poses[systematic.choose(weight, rng.random(), min(keep, poses.shape[0]))]
         weight = np.full(poses.shape[0], total / poses.shape[0])
@@ -49,7 +50,7 @@ def gather(
         spread = np.array([sigma, sigma, sigma / _ARM_M]) / 4
         poses = poses + spread * rng.standard_normal(poses.shape)
         before = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, base)
-    return poses, weight * np.exp(-before)
+    return poses, weight * np.exp(np.minimum(-before, _MOST_LOG))
 
 
 def _blurred(reading: Reading, level: NDArray[np.int32], assets: Assets) -> NDArray[np.float32]:

@@ -66,8 +66,9 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
         label = np.full(pose.shape[0], 3, np.uint8)
     cloud = Cloud(pose, label, weight, _log_ratios(pose, label, reading, assets, params))
     settled = _settled(cloud, reading, assets, params, draw)
-    was = unplaced
-    weight, unplaced, log_evidence = _weigh(cloud, unplaced, settled, float(np.hypot(moved[0], moved[1])), params)
+    weight, unplaced, log_evidence, credit = _weigh(
+        cloud, unplaced, settled, float(np.hypot(moved[0], moved[1])), params
+    )
     held = float(weight.sum())
     n_eff = float(effective_sample_size(weight / held)) if held > 0.0 else 0.0
     error = params.kld_error if params.kld else 0.0
@@ -79,9 +80,6 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
     weight = weight / total
     b = kernels.masses(label, weight)
     b[:2] = unplaced / total
-    credit = 0.0
-    if was.min() > 0.0 and unplaced.min() > 0.0:
-        credit = float(np.log(unplaced[0] / was[0]) - np.log(unplaced[1] / was[1]))
     return Belief(pose, label, weight, b, transition, log_evidence, n_eff, credit)
 
 
@@ -127,19 +125,21 @@ def _settled(cloud: Cloud, reading: Reading, assets: Assets, params: Params, dra
 
 def _weigh(
     cloud: Cloud, unplaced: NDArray[np.float64], settled: float | None, way_m: float, params: Params
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
     """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1.
 
-    unplaced: (2,), see `unplaced`; settled: see `_settled`; way_m: of the step. Returns weights (n,), unplaced and log evidence.
+    unplaced: (2,), see `unplaced`; settled: see `_settled`; way_m: of the step. Returns weights (n,), unplaced,
+    log evidence, and the credit of those somewhere in the map (see `Belief`).
     """
     _, label, weight, log_ratio = cloud
     least = -np.inf if settled is None else settled
     after, sum_after, top, before, left = kernels.weigh(label, weight, log_ratio, least, MOST_AGAINST)
     if params.outside_likelihood:
-        unplaced = unplaced * elsewhere(label == 3, weight, after, float(np.exp(-top)), way_m)
+        there = elsewhere(label == 3, weight, after, -top, way_m)
+        unplaced = unplaced * np.exp([there, -top])
         total = sum_after + unplaced.sum()
-        return after / total, unplaced / total, top + float(np.log(total))
+        return after / total, unplaced / total, top + float(np.log(total)), there + top
     if left <= 0.0:
-        return weight, unplaced, 0.0
+        return weight, unplaced, 0.0, 0.0
     kept = np.where(in_the_map(label), after * (before / left), weight)
-    return kept, unplaced, top + float(np.log(left / before))
+    return kept, unplaced, top + float(np.log(left / before)), 0.0

@@ -46,7 +46,8 @@ _NOVEL = 0.5
 
 
 class Info(NamedTuple):
-    """One update, as a row of `metrics.parquet`; b1 .. b6: probabilities of the six states, p_ij of their transitions."""
+    """One update, as a row of `metrics.parquet`; b1 .. b6: probabilities of the six states, p_ij of their transitions. b3 holds
+    those too who are somewhere in the map without particles, so that n3 may be small where it is large."""
 
     t_ns: int
     b1: float
@@ -133,7 +134,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         area = assets.start_xy.shape[0] * assets.grid.resolution_m**2
         n = int(min(max(params.particles, area * params.start_density_per_m2), _MOST_STARTS))
         pose = particles.uniform(assets.start_xy, assets.grid.resolution_m / 2, n, rng, assets.initial.heading)
-    if kind != "pose" and params.variant != "paper":
+    if kind in ("unknown", "inside") and assets.initial.heading is None and params.variant != "paper":
         b[0], b[3] = unplaced.MISSED * b[3], (1.0 - unplaced.MISSED) * b[3]
     n = pose.shape[0]
     return State(
@@ -171,6 +172,8 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     if params.extend_map:
         state.scans.append(beams)
     state = state._replace(odometry=now, reckoning=reckoning, way_m=state.way_m + way)
+    if reckoning.anew:
+        state = state._replace(local=local_history.empty(), past=[])
     scan = np.ascontiguousarray(points.ends.T, np.float32)
     ends = np.ascontiguousarray(scan[:, :: max(1, -(-scan.shape[1] // params.beams))])
     level = likelihood_field.levels_of(ends, params.sigma_hit_m, params.heading_sd_rad)
@@ -189,7 +192,7 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
 def _points(sweep: Sweep, params: Params) -> Points:
     """The beams that returned within the usable range, thinned where there are many."""
     scan = sweep.scan
-    stride = -(-scan.ranges_m.size // _MOST_BEAMS) or 1
+    stride = -(-scan.ranges_m.size // max(_MOST_BEAMS, params.beams)) or 1
     high = params.max_range_m or scan.range_max_m
     angles = (scan.angle_min_rad, scan.angle_increment_rad)
     return points_of(scan.ranges_m, angles, (scan.range_min_m, high), scan.mount, stride, 0.0, CELL_M)
@@ -219,7 +222,7 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     found = nowhere
     if inside.any() and in_map >= 0.5 and b[0] < in_map / 2:
         found = estimate.densest(belief.pose[inside], belief.weight[inside], _MODE_M, _MODE_RAD)
-    elif b[4] + b[5] > b[1]:
+    elif in_map < 0.5 and b[4] + b[5] > b[1]:
         found = estimate.whole(belief.pose[~inside], belief.weight[~inside])
     state.track.update(found.pose, found.cov)
     state.in_map.append(in_map)
@@ -231,7 +234,9 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     share = np.divide(t, rows[:, None], out=np.zeros((7, 7)), where=rows[:, None] > 0)
     state.frames.offer(sweep.stamp_ns, found.pose, belief.pose, ends.T, belief.label)
     known = in_map >= 0.5 and bool(inside.any())
-    linked = state.reckoning.astray_m == 0.0 and b[0] < 0.5  # else the robot may just have been carried
+    linked = (
+        state.reckoning.astray_m == 0.0 and not state.reckoning.anew and b[0] < 0.5
+    )  # else it may have been carried
     sure = known and found.mass >= _SURE
     state.reckoned.append(smooth.Reckoned(state.reckoning.pose, linked, found.pose, sure, state.way_m))
     shares: dict[str, Any] = {f"b{k}": float(b[k]) for k in range(1, 7)}

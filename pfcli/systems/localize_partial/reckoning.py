@@ -23,18 +23,19 @@ CELL_M = 0.05
 """Side of a cell of the local map."""
 _DRAW_INLIERS = 0.5
 _ASTRAY_M = 1.0
-"""After so much way on which no scan fits those before, the last metres are forgotten: the robot was carried."""
+"""After so much way (and turns) on which no scan fits those before, the last metres are forgotten: the robot was carried."""
 _TIGHTER = 0.25
 """Share of the particles' noise along the way by which odometry errs while no wheel slips: what people who walk along pull by."""
 
 
 class Reckoning(NamedTuple):
     """pose (3,) in the frame of the first scan, by odometry and scans; scans: what matches them, None before the first;
-    astray_m: way on which no scan has fitted those before."""
+    astray_m: way on which no scan has fitted those before; anew: the last metres are forgotten here."""
 
     pose: NDArray[np.float64] = np.zeros(3)
     scans: ScanOdometry | None = None
     astray_m: float = 0.0
+    anew: bool = False
 
 
 def reckon(
@@ -48,9 +49,10 @@ def reckon(
     if before.scans is None:
         return before._replace(scans=ScanOdometry(setup, scan)), moved
     rolling = noise._replace(xy_per_m=_TIGHTER * noise.xy_per_m, xy_m=_TIGHTER * noise.xy_m)
-    found = before.scans.step(scan, moved, way_m + TURN_M * abs(float(moved[2])), rolling)
+    way_m += TURN_M * abs(float(moved[2]))
+    found = before.scans.step(scan, moved, way_m, rolling)
     step = between(before.pose[None], found.pose[None])[0]
     astray_m = 0.0 if found.fits else before.astray_m + way_m
     if astray_m > _ASTRAY_M:
-        return Reckoning(found.pose, ScanOdometry(setup, scan, found.pose), astray_m), step
+        return Reckoning(found.pose, ScanOdometry(setup, scan, found.pose), 0.0, True), step
     return Reckoning(found.pose, before.scans, astray_m), step

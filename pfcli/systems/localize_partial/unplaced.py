@@ -83,16 +83,16 @@ def lose(
 
 
 def elsewhere(
-    threes: NDArray[np.bool_], before: NDArray[np.float64], after: NDArray[np.float64], outside: float, way_m: float
-) -> NDArray[np.float64]:
-    """Factors (2,) of the unplaced masses for a scan, where that of the outside is `outside`.
+    threes: NDArray[np.bool_], before: NDArray[np.float64], after: NDArray[np.float64], log_outside: float, way_m: float
+) -> float:
+    """Log factor of the mass somewhere in the map for a scan, where that of the outside is `log_outside`.
 
     At the place that nobody has found yet, scans fit as well as where class 3 is taken to be, whose weights (n,) they change:
     that these fit is no evidence against it. But a wrong place does not last, and what was looked for and not found is not there.
     """
-    held = float(before[threes].sum())
-    fits = float(after[threes].sum()) / held if held > 0.0 else 0.0
-    return np.array([max(outside, fits) * float(np.exp(-way_m / _WRONG_LASTS_M)), outside])
+    held, left = float(before[threes].sum()), float(after[threes].sum())
+    fits = float(np.log(left / held)) if held > 0.0 and left > 0.0 else -np.inf
+    return max(log_outside, fits) - way_m / _WRONG_LASTS_M
 
 
 def search(
@@ -126,7 +126,9 @@ def search(
             continue
         mass = share * float(unplaced[source])
         poses, weight = anneal.gather(poses, mass, wanted, reading, assets, params, rng, alone=given_up)
-        if given_up:
+        if not params.outside_likelihood:
+            weight *= mass / max(weight.sum(), 1e-300)  # scans may move it within the map only
+        elif given_up:
             weight = weight * np.exp(_hindsight(poses, reading, assets, params))
         found = together(found, Placed(poses, np.full(weight.size, of_class, np.uint8), weight))
         transition[:, of_class] += share * transition[:, source]
