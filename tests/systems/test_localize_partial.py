@@ -2,6 +2,8 @@
 
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +21,20 @@ from pfcli.replay import Log
 from pfcli.report import metrics
 from pfcli.rng import Draw
 from pfcli.simulate.world import WORLDS, rasterize
-from pfcli.systems.localize_partial import anneal, corrected, extend, kernels, paper, reckoning, smooth, unplaced
+from pfcli.systems.localize_partial import (
+    anneal,
+    corrected,
+    extend,
+    filter,
+    kernels,
+    paper,
+    reckoning,
+    smooth,
+    unplaced,
+)
 from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading
 from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.result import Track
 
 MODEL = likelihood_field.Model(0.1, 0.8, 5.0)
 
@@ -403,9 +416,11 @@ def test_scans_of_the_last_metres_put_slips_and_scales_of_the_odometry_right() -
         assert np.array_equal(step, moved)
 
 
-def _update(pose: list[float], found: list[float] | None, way_m: float, linked: bool = True) -> smooth.Reckoned:
+def _update(
+    pose: list[float], found: list[float] | None, way_m: float, linked: bool = True, lost: bool = False
+) -> smooth.Reckoned:
     known = np.full(3, np.nan) if found is None else np.array(found)
-    return smooth.Reckoned(np.array(pose), linked, known, found is not None, way_m)
+    return smooth.Reckoned(np.array(pose), linked, lost, known, found is not None, way_m)
 
 
 def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
@@ -427,6 +442,10 @@ def test_afterwards_a_robot_that_came_in_late_has_its_way_before_and_none_where_
     assert np.isnan(found[:2]).all()
     assert found[2:, 0] == pytest.approx([5.0, 6.0, 7.0, 8.0])
     assert np.isnan(smooth.poses(updates[:2], np.zeros(2))).all()
+    lost = [u._replace(linked=True, lost=0 < k < 4) for k, u in enumerate(updates)]
+    found = smooth.poses(lost, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
+    assert np.isnan(found[:1]).all()
+    assert found[1:, 0] == pytest.approx([4.0, 5.0, 6.0, 7.0, 8.0]), "it got lost once, at the second update"
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
@@ -460,13 +479,16 @@ def test_a_map_is_extended_beyond_its_edge_and_nowhere_else(yaw: float) -> None:
 
 
 def test_the_sample_afterwards_is_known_outside_too_and_draws_what_lies_there() -> None:
-    partial, folder = system("localize-partial"), Path(__file__).parents[2] / "sample_logs"
-    job = run.Job(partial, Params(extend_map=True), [folder / "partial.mcap"], map=folder / "partial-partial.yaml")
-    done = run.execute(job._replace(truth="auto"))
-    track, truth = done.result.track, list(Log(folder / "partial.mcap").events(["truth"]))
-    there = metrics.interpolate(
-        track.stamps_ns, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
+    folder = Path(__file__).parents[2] / "sample_logs"
+    done = run.execute(
+        run.Job(
+            system("localize-partial"),
+            Params(extend_map=True),
+            [folder / "partial.mcap"],
+            map=folder / "partial-partial.yaml",
+        )
     )
+    track, there = _beside_truth(done, folder / "partial.mcap")
     error = np.hypot(track.columns["x_smoothed_m"] - there[:, 0], track.columns["y_smoothed_m"] - there[:, 1])
     outside = there[:, 0] > 12.5
     assert outside.sum() > 50
@@ -482,3 +504,71 @@ def test_the_sample_afterwards_is_known_outside_too_and_draws_what_lies_there() 
     assert beyond.sum() > 300
     assert np.quantile(at[beyond], 0.95) <= 0.15
     assert (found.cells >= 0).sum() > 1.2 * (given.cells >= 0).sum()
+
+
+def _sample(name: str, initial: str, **params: Any) -> tuple[Track, np.ndarray]:
+    """The track of a sample log, and the true poses at its stamps."""
+    folder = Path(__file__).parents[2] / "sample_logs"
+    log, grid = folder / f"{name}.mcap", folder / ("partial-partial.yaml" if name == "partial" else f"{name}.yaml")
+    done = run.execute(run.Job(system("localize-partial"), Params(**params), [log], map=grid, initial=Initial(initial)))
+    return _beside_truth(done, log)
+
+
+def _beside_truth(done: run.Run, log: Path) -> tuple[Track, np.ndarray]:
+    truth, track = list(Log(log).events(["truth"])), done.result.track
+    at, true = np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
+    return track, metrics.interpolate(track.stamps_ns, at, true)
+
+
+def test_a_robot_that_was_said_to_be_outside_is_found_in_the_map_within_four_metres() -> None:
+    """The scans of the last metres speak for its place too, once that is looked at: without them it takes 30 m."""
+    track, there = _sample("partial", "outside", smooth=False)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(there[:, :2], axis=0).T))])
+    right = np.hypot(*(track.poses - there)[:, :2].T) < 0.3
+    assert way[right][0] < 4.0
+
+
+def test_afterwards_a_carried_robot_has_its_way_back_to_where_it_got_lost_and_not_across() -> None:
+    track, there = _sample("kidnapped", "inside")
+    carried = int(np.argmax(np.hypot(*np.diff(there[:, :2], axis=0).T))) + 1
+    error = np.hypot(track.columns["x_smoothed_m"] - there[:, 0], track.columns["y_smoothed_m"] - there[:, 1])
+    found = int(np.flatnonzero(np.isfinite(track.poses[carried + 30 :, 0]))[0]) + carried + 30
+    assert error[: carried - 5].max() < 0.1
+    assert error[found + 5 :].max() < 0.1
+    known = np.isfinite(error[carried + 40 : found])
+    assert known.any()
+    assert error[carried + 40 : found][known].max() < 0.1
+    lost = ~np.isfinite(track.poses[carried:, 0])
+    assert lost.sum() > 10, "nobody knows where it is for a while, and no pose outside is said"
+
+
+@pytest.mark.parametrize("carried", [0.0, 0.001])
+def test_without_the_outside_likelihood_scans_leave_class_1_alone(carried: float, assets: Assets) -> None:
+    params = Params(outside_likelihood=False, kidnap_per_m=carried, frontier_samples=500, beam_gain=0.3)
+    before = Belief(np.empty((0, 3)), np.empty(0, np.uint8), np.empty(0), np.array([0.3, 0.7, 0, 0, 0, 0, 0]))
+    for k in range(12):
+        reading = _reading(0.0, _seen_from(2.0, 1.5))
+        past = (Past(np.zeros(3), *reading[2:5], 0.0),) * 5
+        before = corrected.update(before, reading._replace(stamp_ns=k, past=past), assets, params, Draw(0))
+        assert before.b.sum() == pytest.approx(1.0)
+    assert before.b[1] == pytest.approx(0.7, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("initial", "missed"),
+    [
+        (Initial("unknown"), 0.05),
+        (Initial("inside"), 0.1),
+        (Initial("outside"), 0.0),
+        (Initial("inside", heading=(0.0, 0.1)), 0.0),
+        (Initial("region", region=Path("there.yaml")), 0.0),
+        (Initial("pose", (3.0, 1.5, 0.0)), 0.0),
+    ],
+)
+def test_only_a_start_that_may_be_anywhere_may_be_missed(initial: Initial, missed: float, assets: Assets) -> None:
+    """What is said of the start holds: nobody is looked for beyond it."""
+    first: Any = SimpleNamespace(stamp_ns=5, odometry=(0.0, 0.0, 0.0))
+    told = assets._replace(initial=initial)
+    assert filter.init(Params(particles=300, start_density_per_m2=1.0), told, first, Draw(0)).b[0] == missed
+    printed = filter.init(Params(particles=300, start_density_per_m2=1.0, variant="paper"), told, first, Draw(0))
+    assert printed.b[0] == 0.0

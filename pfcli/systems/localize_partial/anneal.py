@@ -24,13 +24,8 @@ def gather(
     assets: Assets,
     params: Params,
     rng: np.random.Generator,
-    *,
-    alone: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Resample blind poses (n, 3), which hold `mass` together, through ever narrower likelihoods.
-
-    alone: by the map alone; else what the last metres explain too counts as little as it does for the pose that comes out.
-    Near a place, not at it, the map explains less than they do, and poses that look into the unknown would be gathered.
 
     Returns at most `keep` poses and their weights, such that weight x likelihood is what the blind ones stand for.
     """
@@ -38,9 +33,7 @@ def gather(
     before = np.zeros(poses.shape[0])
     for wider in (2, 1):
         level = np.minimum(reading.level + wider, likelihood_field.LEVELS - 1).astype(np.int32)
-        base = (
-            np.minimum(reading.base, [[0.0], [np.inf]], dtype=np.float32) if alone else _blurred(reading, level, assets)
-        )
+        base = _blurred(reading, level, assets)
         log = params.beam_gain * likelihood_field.evidence(poses, reading.ends, assets.field, level, base)
         weight = weight * np.exp(np.minimum(log - before, _MOST_LOG))
         total = weight.sum()

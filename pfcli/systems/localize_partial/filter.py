@@ -234,11 +234,9 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     share = np.divide(t, rows[:, None], out=np.zeros((7, 7)), where=rows[:, None] > 0)
     state.frames.offer(sweep.stamp_ns, found.pose, belief.pose, ends.T, belief.label)
     known = in_map >= 0.5 and bool(inside.any())
-    linked = (
-        state.reckoning.astray_m == 0.0 and not state.reckoning.anew and b[0] < 0.5
-    )  # else it may have been carried
+    linked, lost = state.reckoning.astray_m == 0.0 and not state.reckoning.anew, bool(b[0] >= 0.5)
     sure = known and found.mass >= _SURE
-    state.reckoned.append(smooth.Reckoned(state.reckoning.pose, linked, found.pose, sure, state.way_m))
+    state.reckoned.append(smooth.Reckoned(state.reckoning.pose, linked, lost, found.pose, sure, state.way_m))
     shares: dict[str, Any] = {f"b{k}": float(b[k]) for k in range(1, 7)}
     shares["b3"] += float(b[0])
     shares |= {f"p{i}{j}": float(share[i, j]) for i, j in ((1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 3))}

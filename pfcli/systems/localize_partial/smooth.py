@@ -35,11 +35,12 @@ def backward(history: list[Step]) -> NDArray[np.float64]:
 
 
 class Reckoned(NamedTuple):
-    """One update: pose (3,) by odometry and scans, in a frame of its own; linked: its scan follows from those before; found: the
-    filter's pose (3,); sure: that is one place in the map; way (m)."""
+    """One update: pose (3,) by odometry and scans, in a frame of its own; linked: its scan follows from those before; lost: it is
+    somewhere in the map, nobody knows where; found: the filter's pose (3,); sure: that is one place in the map; way (m)."""
 
     pose: NDArray[np.float64]
     linked: bool
+    lost: bool
     found: NDArray[np.float64]
     sure: bool
     way_m: float
@@ -53,7 +54,10 @@ def poses(updates: list[Reckoned], in_map: NDArray[np.float64]) -> NDArray[np.fl
     """
     found, reckoned = np.array([u.found for u in updates]), np.array([u.pose for u in updates])
     sure = np.array([u.sure for u in updates]) & (in_map >= 0.5)
-    way_m, piece = np.array([u.way_m for u in updates]), np.cumsum([not u.linked for u in updates])
+    way_m, lost = np.array([u.way_m for u in updates]), np.array([u.lost for u in updates])
+    # where it gets lost it may have been carried, and what was reckoned does not reach across
+    gets_lost = lost & ~np.concatenate([[False], lost[:-1]])
+    piece = np.cumsum(gets_lost | ~np.array([u.linked for u in updates]))
     out = np.where(sure[:, None], found, np.nan)
     known = np.flatnonzero(sure)
     for start, stop in _stretches(~sure):

@@ -125,7 +125,7 @@ def search(
         if poses.shape[0] == 0:
             continue
         mass = share * float(unplaced[source])
-        poses, weight = anneal.gather(poses, mass, wanted, reading, assets, params, rng, alone=given_up)
+        poses, weight = anneal.gather(poses, mass, wanted, reading, assets, params, rng)
         if not params.outside_likelihood:
             weight *= mass / max(weight.sum(), 1e-300)  # scans may move it within the map only
         elif given_up:
