@@ -38,6 +38,18 @@ def test_intel_relations(intel: Path, pfcli: Cli, tmp_path: Path) -> None:
     assert found["all"]["translation_m"]["mean"] <= 0.021
 
 
+def test_wean_hall_ends_where_independent_filters_agree_that_it_ends(pfcli: Cli, tmp_path: Path) -> None:
+    """Map and log are independent; 6 m of the hall have changed, and other corridors look like it."""
+    data, log = needs("wean/robotdata3.log.gz"), tmp_path / "wean.mcap"
+    assert pfcli("convert", data / "wean/robotdata3.log.gz", log).returncode == 0
+    for seed in range(3):
+        words = ["localize-partial", log, "--map", data / "wean/wean.yaml", "--initial", "inside", "--seed", seed]
+        assert pfcli(*words, "--out", tmp_path / f"run{seed}").returncode == 0
+        x, y, *_, qz, qw = map(float, (tmp_path / f"run{seed}/track.tum").read_text().splitlines()[-1].split()[1:])
+        assert math.hypot(x - 39.78, y - 39.81) <= 0.3
+        assert abs(2 * math.atan2(qz, qw) + 0.03) <= math.radians(5)
+
+
 def test_raw_odometry_on_intel_reads_what_is_known(intel: Path, pfcli: Cli, tmp_path: Path) -> None:
     """7.37 m over all relations: checks the evaluation itself."""
     data = needs("intel/intel.relations")
