@@ -17,7 +17,7 @@ _FRAMES, _PER_S = 150, 12
 _ROWS, _COLUMNS = 2, 4
 _COLOURS = "tab10"
 _AROUND_M = 5.0
-"""What the robot sees beside its way, where no map tells how wide the picture is."""
+"""What the robot sees beside its way is in the picture."""
 
 
 def check(film: Path) -> None:
@@ -40,12 +40,13 @@ class _View:
     def __init__(self, axes: Any, result: Result) -> None:
         self._axes, self._track = axes, result.track
         poses = result.track.poses
-        shown = poses[np.isfinite(poses).all(axis=1), :2]
-        around = _AROUND_M
+        known = poses[np.isfinite(poses).all(axis=1), :2]
+        shown = [known - _AROUND_M, known + _AROUND_M]
         if result.grid is not None:
-            shown, around = np.concatenate([shown, draw_map(axes, result.grid)]), 0.0
-        axes.set_xlim(shown[:, 0].min() - around, shown[:, 0].max() + around)
-        axes.set_ylim(shown[:, 1].min() - around, shown[:, 1].max() + around)
+            shown.append(draw_map(axes, result.grid))
+        low, high = np.concatenate(shown).min(axis=0), np.concatenate(shown).max(axis=0)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
         axes.set_facecolor("0.8")  # unknown, as the map has it
         axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         self._way = axes.plot([], [], color="tab:red", linewidth=0.9)[0]

@@ -203,7 +203,8 @@ _FIRST_STEP_M = 0.03
 def two_drives(seed: int, drive: int) -> World:
     """The office twice, for Zhang 2010, section 4: drive 1 sees its western rooms, drive 2 leaves what that saw and comes back.
 
-    The origin is where drive 1 is read first, so that a map of it (`slam-gdr`) and the truth of drive 2 have one frame.
+    The origin is where drive 1 is read first, so that a map of it (`slam-gdr`) and the truth of drive 2 have one frame, but for
+    the map's own error.
     """
     world = office(seed)
     middle, doors = world.route[0, 1], np.unique(world.route[1:-2, 0])

@@ -22,6 +22,7 @@ from pfcli.report import metrics
 from pfcli.rng import Draw
 from pfcli.simulate.world import WORLDS, rasterize
 from pfcli.systems.localize_partial import (
+    afterwards,
     anneal,
     corrected,
     extend,
@@ -417,10 +418,10 @@ def test_scans_of_the_last_metres_put_slips_and_scales_of_the_odometry_right() -
 
 
 def _update(
-    pose: list[float], found: list[float] | None, way_m: float, linked: bool = True, lost: bool = False
-) -> smooth.Reckoned:
+    pose: list[float], found: list[float] | None, way_m: float, fits: bool = True, anew: bool = False
+) -> afterwards.Reckoned:
     known = np.full(3, np.nan) if found is None else np.array(found)
-    return smooth.Reckoned(np.array(pose), linked, lost, known, found is not None, way_m)
+    return afterwards.Reckoned(np.array(pose), fits, anew, False, known, found is not None, way_m)
 
 
 def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
@@ -428,7 +429,7 @@ def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
     updates = [_update([0.0, 0.0, 0.0], [1.0, 2.0, np.pi / 2], 0.0)]
     updates += [_update([k, 0.0, 0.0], None, float(k)) for k in (1, 2, 3)]
     updates += [_update([4.0, 0.0, 0.0], [1.3, 6.0, np.pi / 2 + 0.2], 4.0)]
-    found = smooth.poses(updates, np.array([1.0, 0.0, 0.0, 0.0, 1.0]))
+    found = afterwards.poses(updates, np.array([1.0, 0.0, 0.0, 0.0, 1.0]))
     assert found[[0, 4]] == pytest.approx(np.array([[1.0, 2.0, np.pi / 2], [1.3, 6.0, np.pi / 2 + 0.2]]))
     for k in (1, 2, 3):
         back = np.array([1.3 + (4 - k) * np.sin(0.2), 6.0 - (4 - k) * np.cos(0.2), np.pi / 2 + 0.2])
@@ -436,16 +437,46 @@ def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
 
 
 def test_afterwards_a_robot_that_came_in_late_has_its_way_before_and_none_where_it_was_carried() -> None:
-    updates = [_update([k, 0.0, 0.0], None, float(k), linked=k != 2) for k in range(4)]
+    updates = [_update([k, 0.0, 0.0], None, float(k), k < 1 or k > 2, k == 2) for k in range(4)]
     updates += [_update([4.0, 0.0, 0.0], [7.0, 1.0, 0.0], 4.0), _update([5.0, 0.0, 0.0], None, 5.0)]
-    found = smooth.poses(updates, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
-    assert np.isnan(found[:2]).all()
+    found = afterwards.poses(updates, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
+    assert np.isnan(found[:2]).all(), "no scan fitted at the second and third update: it was carried there"
     assert found[2:, 0] == pytest.approx([5.0, 6.0, 7.0, 8.0])
-    assert np.isnan(smooth.poses(updates[:2], np.zeros(2))).all()
-    lost = [u._replace(linked=True, lost=0 < k < 4) for k, u in enumerate(updates)]
-    found = smooth.poses(lost, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
+    again = [u._replace(anew=False) for u in updates]
+    assert afterwards.poses(again, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))[:, 0] == pytest.approx(np.arange(3.0, 9.0))
+    assert np.isnan(afterwards.poses(updates[:2], np.zeros(2))).all()
+    lost = [u._replace(fits=True, anew=False, lost=0 < k < 4) for k, u in enumerate(updates)]
+    found = afterwards.poses(lost, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
     assert np.isnan(found[:1]).all()
     assert found[1:, 0] == pytest.approx([4.0, 5.0, 6.0, 7.0, 8.0]), "it got lost once, at the second update"
+
+
+def _driven(stays: list[tuple[int, float]]) -> tuple[list[afterwards.Reckoned], np.ndarray]:
+    """Updates every metre along x, found `off` metres beside where they are for so many metres each; nan: not found."""
+    updates, k = [], 0
+    for metres, off in stays:
+        for _ in range(metres):
+            updates.append(_update([float(k), 0.0, 0.0], None if np.isnan(off) else [k + 10.0, off, 0.0], float(k)))
+            k += 1
+    return updates, np.array([1.0 if u.sure else 0.0 for u in updates])
+
+
+def test_afterwards_a_wrong_place_is_taken_back_where_the_others_contradict_it() -> None:
+    for stays in (
+        [(4, 6.0), (3, np.nan), (8, 0.0)],
+        [(8, 0.0), (2, 5.0), (6, 0.0)],
+        [(9, 0.0), (5, np.nan), (3, 7.0)],
+    ):
+        found = afterwards.poses(*_driven(stays))
+        assert found[:, 1] == pytest.approx(np.zeros(len(found)), abs=1e-9)
+        assert found[:, 0] == pytest.approx(np.arange(len(found)) + 10.0)
+
+
+def test_afterwards_places_that_both_lasted_are_both_right() -> None:
+    updates, in_map = _driven([(15, 0.0), (4, np.nan), (15, 9.0)])
+    found = afterwards.poses(updates, in_map)
+    assert found[:19, 1] == pytest.approx(np.zeros(19))
+    assert found[19:, 1] == pytest.approx(np.full(15, 9.0))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])

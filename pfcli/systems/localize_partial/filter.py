@@ -24,7 +24,7 @@ from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_partial import corrected, paper, smooth, unplaced
+from pfcli.systems.localize_partial import afterwards, corrected, paper, smooth, unplaced
 from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading, in_the_map
 from pfcli.systems.localize_partial.extend import extended
 from pfcli.systems.localize_partial.params import Params
@@ -94,7 +94,7 @@ class State(NamedTuple):
     in_map: list[float]
     stamps_ns: list[int]
     past: list[Past]
-    reckoned: list[smooth.Reckoned]
+    reckoned: list[afterwards.Reckoned]
     scans: list[Beams]
 
 
@@ -234,9 +234,11 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     share = np.divide(t, rows[:, None], out=np.zeros((7, 7)), where=rows[:, None] > 0)
     state.frames.offer(sweep.stamp_ns, found.pose, belief.pose, ends.T, belief.label)
     known = in_map >= 0.5 and bool(inside.any())
-    linked, lost = state.reckoning.astray_m == 0.0 and not state.reckoning.anew, bool(b[0] >= 0.5)
-    sure = known and found.mass >= _SURE
-    state.reckoned.append(smooth.Reckoned(state.reckoning.pose, linked, lost, found.pose, sure, state.way_m))
+    sure, reckoning = known and found.mass >= _SURE, state.reckoning
+    fits = reckoning.astray_m == 0.0 and not reckoning.anew
+    state.reckoned.append(
+        afterwards.Reckoned(reckoning.pose, fits, reckoning.anew, bool(b[0] >= 0.5), found.pose, sure, state.way_m)
+    )
     shares: dict[str, Any] = {f"b{k}": float(b[k]) for k in range(1, 7)}
     shares["b3"] += float(b[0])
     shares |= {f"p{i}{j}": float(share[i, j]) for i, j in ((1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 3))}
@@ -269,11 +271,11 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         columns["in_map_smoothed"] = in_map
     track = state.track.track(columns)
     if params.smooth:
-        poses = smooth.poses(state.reckoned, in_map)
+        poses = afterwards.poses(state.reckoned, in_map)
         state.track.replace(poses, np.full((len(poses), 3, 3), np.nan))
-        afterwards = state.track.track({}).poses
+        known = state.track.track({}).poses
         names = ("x_smoothed_m", "y_smoothed_m", "yaw_smoothed_rad")
-        track = track._replace(columns=track.columns | dict(zip(names, afterwards.T, strict=True)))
+        track = track._replace(columns=track.columns | dict(zip(names, known.T, strict=True)))
         if params.extend_map:
             layers["extended"] = extended(assets.grid, state.scans, poses)
     summary = {
