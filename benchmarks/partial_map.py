@@ -8,16 +8,15 @@ corrected: in or out given the whole log, as `localize-partial` says it; filtere
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import partial_score
 import plain_mcl
 import worlds
-from numpy.typing import NDArray
 
 from pfcli import run
-from pfcli.core.grid.region import places, region_of
-from pfcli.formats import map_yaml, parquet
+from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
@@ -40,31 +39,6 @@ SCENARIOS = {
 }
 """Scenario -> what the robot is told of its start."""
 
-SETTLED_M = 10.0
-RIGHT_M, RIGHT_RAD = 0.3, np.radians(10.0)
-
-
-KNOWN_SD_M = 5.0
-"""A pose outside counts as known while the filter says that it errs by less."""
-
-
-class Drive(NamedTuple):
-    """A run beside its truth, one row per update: way, P(in), true in, true class, most likely class, position error,
-    heading error, time (s), and position error as known afterwards (NaN without --smooth); ms an
-    update; what the filter says of its error (m)."""
-
-    way: NDArray[np.float64]
-    p_in: NDArray[np.float64]
-    truly_in: NDArray[np.bool_]
-    true_class: NDArray[np.int64]
-    said_class: NDArray[np.int64]
-    error: NDArray[np.float64]
-    error_yaw: NDArray[np.float64]
-    t_s: NDArray[np.float64]
-    ms: float
-    error_after: NDArray[np.float64]
-    sd_m: NDArray[np.float64]
-
 
 def log_of(scenario: str, seed: int) -> tuple[Path, Path]:
     """Log and partial map."""
@@ -82,147 +56,27 @@ def localise(log: Path, map_file: Path, seed: int, initial: Initial, **params: A
     return run.execute(run.Job(partial, build(partial.params, params, "b"), [log], seed, map=map_file, initial=initial))
 
 
-def true_classes(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """The six classes of table 1 along a drive: before and now in the map, and whether ever before."""
-    found = np.empty(inside.size, np.int64)
-    been = bool(inside[0])
-    found[0] = 3 if inside[0] else 1
-    for k in range(1, inside.size):
-        was, now = inside[k - 1], inside[k]
-        found[k] = (3 if now else 4) if was else ((6 if been else 2) if now else (5 if been else 1))
-        been |= bool(now)
-    return found
-
-
-def truth_at(stamps: NDArray[np.int64], log: Path, map_file: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """True poses at the stamps, and whether they lie in the map."""
-    truth = list(Log(log).events(["truth"]))
-    there = metrics.interpolate(stamps, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth]))
-    grid = map_yaml.read(map_file)
-    return there, places(region_of(grid.cells, grid.resolution_m, grid.origin), there[:, :2]) != 0
-
-
-def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
-    """Compare every update with the truth."""
-    rows = parquet.columns_of(done.infos, system("localize-partial").info)
-    stamps = np.asarray(rows["t_ns"])
-    there, inside = truth_at(stamps, log, map_file)
-    index = np.searchsorted(done.result.track.stamps_ns, stamps)
-    poses = done.result.track.poses[index]
-    b = np.stack([np.asarray(rows[f"b{k}"]) for k in range(1, 7)], 1)
-    track = done.result.track.columns
-    return Drive(
-        np.asarray(rows["way_m"]),
-        track["in_map_smoothed"][index] if "in_map_smoothed" in track else np.asarray(rows["in_map"]),
-        inside,
-        true_classes(inside),
-        1 + b.argmax(axis=1),
-        np.hypot(*(poses - there)[:, :2].T),
-        np.abs(metrics.wrap(poses[:, 2] - there[:, 2])),
-        (stamps - stamps[0]) * 1e-9,
-        1e3 * done.seconds["loop"] / len(done.infos),
-        np.hypot(*(_afterwards(done)[index] - there[:, :2]).T),
-        np.asarray(rows["sd_m"]),
-    )
-
-
-def _afterwards(done: run.Run) -> NDArray[np.float64]:
-    """Positions (n, 2) as the whole log knows them."""
-    track = done.result.track
-    if "x_smoothed_m" not in track.columns:
-        return np.full((track.stamps_ns.size, 2), np.nan)
-    return np.stack([track.columns["x_smoothed_m"], track.columns["y_smoothed_m"]], axis=1)
-
-
-class Score(NamedTuple):
-    """Of one drive: right in/out, Brier score, delays of crossings (m; inf where not noticed), right poses after entries
-    within 8 m, false entries, seconds outside, errors inside once converged (m, rad), errors outside (m), the same afterwards."""
-
-    right: float
-    brier: float
-    delays: list[float]
-    entered: list[bool]
-    false_entries: int
-    outside_s: float
-    errors: NDArray[np.float64]
-    errors_yaw: NDArray[np.float64]
-    outside: NDArray[np.float64]
-    outside_after: NDArray[np.float64]
-
-
-def judge(d: Drive) -> Score:
-    """Score a drive."""
-    late = d.way >= SETTLED_M
-    right = float(((d.p_in >= 0.5) == d.truly_in)[late].mean()) if late.any() else np.nan
-    brier = float(((d.p_in - d.truly_in) ** 2)[late].mean()) if late.any() else np.nan
-    said = d.p_in >= 0.5
-    delays, entered = [], []
-    flips = np.flatnonzero(d.truly_in[1:] != d.truly_in[:-1]) + 1
-    for k, at in enumerate(flips.tolist()):
-        end = flips[k + 1] if k + 1 < flips.size else d.way.size
-        if d.way[end - 1] - d.way[at] < 1.0:
-            continue  # back again before anybody could notice
-        agree = np.flatnonzero(said[at:end] == d.truly_in[at])
-        delays.append(float(d.way[at + agree[0]] - d.way[at]) if agree.size else np.inf)
-        if d.truly_in[at]:
-            good = said & (d.error < RIGHT_M) & (d.error_yaw < RIGHT_RAD)
-            soon = d.way[at:end] - d.way[at] <= 8.0
-            entered.append(bool(good[at:end][soon].any()))
-    wrong = said & ~d.truly_in & late
-    near = np.zeros(said.size, bool)  # within 3 m of a true crossing it is early or late, not false
-    for at in flips:
-        near |= np.abs(d.way - d.way[at]) < 3.0
-    starts = np.flatnonzero((wrong & ~near)[1:] & ~(wrong & ~near)[:-1])
-    dt = np.diff(d.t_s, prepend=d.t_s[0])
-    settled = d.truly_in & said & np.isfinite(d.error)
-    since = np.zeros(settled.size)  # way with a right pose: converged after 2 m of it
-    run_m = 0.0
-    for k in range(1, settled.size):
-        run_m = run_m + d.way[k] - d.way[k - 1] if settled[k] and d.error[k] < 1.0 else 0.0
-        since[k] = run_m
-    inside = since > 2.0
-    return Score(
-        right,
-        brier,
-        delays,
-        entered,
-        starts.size,
-        float(dt[~d.truly_in].sum()),
-        d.error[inside],
-        d.error_yaw[inside],
-        np.where(d.sd_m <= KNOWN_SD_M, d.error, np.nan)[~d.truly_in],
-        d.error_after[~d.truly_in],
-    )
-
-
 LONG_OUTSIDE = ["partial-never", "partial-loops", "partial-30"]
 """Drives that are outside most of their time: what false entries an hour are counted on."""
 
 
-_HEAD = (
-    "\n| {} | in/out right | Brier | noticed after [m]: median, 90 % | entries with the right pose within 8 m |"
-    " false entries |"
-    " pose inside [m, deg] | pose outside [m]: then, afterwards | ms an update |\n|---|---|---|---|---|---|---|---|---|"
-)
-
-
-def table(seeds: range, variant: str, scenarios: list[str], **params: Any) -> list[Score]:
+def table(seeds: range, variant: str, scenarios: list[str], **params: Any) -> list[partial_score.Score]:
     """Print a row per scenario and the whole."""
-    print(f"\n{variant} {params or ''}{_HEAD.format('scenario')}")
-    every: list[Score] = []
+    print(f"\n{variant} {params or ''}{partial_score.HEAD.format('scenario')}")
+    every: list[partial_score.Score] = []
     confusion = np.zeros((7, 7), int)
     for name in scenarios:
         scores, ms = [], []
         for seed in seeds:
             log, map_file = log_of(name, seed)
             done = localise(log, map_file, seed, Initial(SCENARIOS[name]), variant=variant, **params)
-            drive = beside_truth(done, log, map_file)
+            drive = partial_score.beside_truth(done, log, map_file)
             np.add.at(confusion, (drive.true_class, drive.said_class), 1)
-            scores.append(judge(drive))
+            scores.append(partial_score.judge(drive))
             ms.append(drive.ms)
-        print(_row(name, scores, float(np.median(ms))), flush=True)
+        print(partial_score.row(name, scores, float(np.median(ms))), flush=True)
         every += scores
-    print(_row("all", every, np.nan))
+    print(partial_score.row("all", every, np.nan))
     print("\ntrue class (row) against the most likely one:")
     print(confusion[1:, 1:])
     return every
@@ -243,17 +97,19 @@ SWITCHED = ["partial-enter", "partial-other-way", "partial-kidnap", "partial-cro
 
 def switches(seeds: int) -> None:
     """What each part does, over the drives of SWITCHED together; smooth: in or out given the whole log."""
-    print(_HEAD.format("switch"))
+    print(partial_score.HEAD.format("switch"))
     for params in SWITCHES:
         given, scores, ms = {"smooth": False} | params, [], []
         for name in SWITCHED:
             for seed in range(seeds):
                 log, map_file = log_of(name, seed)
-                drive = beside_truth(localise(log, map_file, seed, Initial(SCENARIOS[name]), **given), log, map_file)
-                scores.append(judge(drive))
+                drive = partial_score.beside_truth(
+                    localise(log, map_file, seed, Initial(SCENARIOS[name]), **given), log, map_file
+                )
+                scores.append(partial_score.judge(drive))
                 ms.append(drive.ms)
         name = ", ".join(f"{k} = {v}" for k, v in params.items()) or "default, but no smoothing"
-        print(_row(name, scores, float(np.median(ms))), flush=True)
+        print(partial_score.row(name, scores, float(np.median(ms))), flush=True)
 
 
 def plain(seeds: int, particles: int = 2000) -> None:
@@ -267,25 +123,25 @@ def plain(seeds: int, particles: int = 2000) -> None:
             log, map_file = log_of(name, seed)
             grid, rng = map_yaml.read(map_file), np.random.default_rng(seed)
             first = next(iter(Log(log).events(["truth"])))
-            start, known = truth_at(np.array([first.stamp_ns]), log, map_file)
+            start, known = partial_score.truth_at(np.array([first.stamp_ns]), log, map_file)
             poses = plain_mcl.anywhere(grid, particles, rng)
             if known[0]:
                 poses = start[0] + rng.normal(0, [0.1, 0.1, 0.05], (particles, 3))
             rows = list(plain_mcl.drive(plain_mcl.PlainMcl(grid, poses, seed), log))
-            late = np.array([way for _, way, _ in rows]) >= SETTLED_M
+            late = np.array([way for _, way, _ in rows]) >= partial_score.SETTLED_M
             if not late.any():
                 continue
             found = np.array([pose for _, _, pose in rows])
-            there, inside = truth_at(np.array([t for t, _, _ in rows]), log, map_file)
-            right = np.hypot(*(found - there)[:, :2].T) < RIGHT_M
-            right &= np.abs(metrics.wrap(found[:, 2] - there[:, 2])) < RIGHT_RAD
+            there, inside = partial_score.truth_at(np.array([t for t, _, _ in rows]), log, map_file)
+            right = np.hypot(*(found - there)[:, :2].T) < partial_score.RIGHT_M
+            right &= np.abs(metrics.wrap(found[:, 2] - there[:, 2])) < partial_score.RIGHT_RAD
             shares.append((inside[late].mean(), right[late & inside].mean() if (late & inside).any() else np.nan))
         print(f"| {name} | {np.mean([s[0] for s in shares]):.3f} | {np.mean([s[1] for s in shares]):.3f} |", flush=True)
 
 
 def slips(seeds: int) -> None:
     """A robot whose odometry jumps by 0.3 m and 15 degrees every 12 m, in and out five times."""
-    print(_HEAD.format("odometry that slips"))
+    print(partial_score.HEAD.format("odometry that slips"))
     slipping = scenario.SCENARIOS["partial-loops"]._replace(robot="slips")
     for params in ({}, {"match_scans": False}):
         scores, ms = [], []
@@ -293,15 +149,17 @@ def slips(seeds: int) -> None:
             log, map_file = worlds.LOGS / f"partial-slips-{seed}.mcap", log_of("partial-loops", seed)[1]
             if not log.exists():
                 scenario.write(slipping, seed, log)
-            drive = beside_truth(localise(log, map_file, seed, Initial("unknown"), **params), log, map_file)
-            scores.append(judge(drive))
+            drive = partial_score.beside_truth(
+                localise(log, map_file, seed, Initial("unknown"), **params), log, map_file
+            )
+            scores.append(partial_score.judge(drive))
             ms.append(drive.ms)
-        print(_row(str(params or "default"), scores, float(np.median(ms))), flush=True)
+        print(partial_score.row(str(params or "default"), scores, float(np.median(ms))), flush=True)
 
 
 def drives(seeds: int) -> None:
     """Zhang 2010, section 4: drive 1 gives a map by slam-gdr, drive 2 is localised in it. With a scanner of 4 m, and of 8 m."""
-    print(_HEAD.format("scanner; ATE of drive 1 [m]"))
+    print(partial_score.HEAD.format("scanner; ATE of drive 1 [m]"))
     for laser in ("urg-04lx", "sick-1deg"):
         scores, ms, ate = [], [], []
         for seed in range(seeds):
@@ -316,33 +174,12 @@ def drives(seeds: int) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 map_yaml.write(Path(folder), mapped.result.grid)
                 map_file = Path(folder) / "map.yaml"
-                drive = beside_truth(localise(logs[1], map_file, seed, Initial("unknown")), logs[1], map_file)
-            scores.append(judge(drive))
+                drive = partial_score.beside_truth(
+                    localise(logs[1], map_file, seed, Initial("unknown")), logs[1], map_file
+                )
+            scores.append(partial_score.judge(drive))
             ms.append(drive.ms)
-        print(_row(f"{laser}; {np.median(ate):.3f}", scores, float(np.median(ms))), flush=True)
-
-
-def _row(name: str, scores: list[Score], ms: float) -> str:
-    delays = np.array([v for s in scores for v in s.delays] or [np.nan])
-    entered = [v for s in scores for v in s.entered]
-    errors = np.concatenate([s.errors for s in scores])
-    yaw = np.degrees(np.concatenate([s.errors_yaw for s in scores]))
-    hours = sum(s.outside_s for s in scores) / 3600
-    q = np.quantile(delays, [0.5, 0.9], method="higher")
-    rmse = (np.sqrt(np.mean(errors**2)), np.sqrt(np.mean(yaw**2))) if errors.size else (np.nan, np.nan)
-    return (
-        f"| {name} | {np.nanmean([s.right for s in scores]):.3f} | {np.nanmean([s.brier for s in scores]):.3f} |"
-        f" {q[0]:.2f}, {q[1]:.2f} ({delays.size}) | {sum(entered)}/{len(entered)} |"
-        f" {sum(s.false_entries for s in scores)} in {hours:.2f} h | {rmse[0]:.3f}, {rmse[1]:.2f} |"
-        f" {_known([s.outside for s in scores])}, {_known([s.outside_after for s in scores])} | {ms:.2f} |"
-    )
-
-
-def _known(errors: list[NDArray[np.float64]]) -> str:
-    """RMSE of those that are known, and their share."""
-    every = np.concatenate(errors)
-    known = every[np.isfinite(every)]
-    return f"{np.sqrt(np.mean(known**2)):.2f} ({known.size / every.size:.2f})" if known.size else "-"
+        print(partial_score.row(f"{laser}; {np.median(ate):.3f}", scores, float(np.median(ms))), flush=True)
 
 
 def main(seeds: int = 10, *variants: str) -> None:

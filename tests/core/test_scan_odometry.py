@@ -34,7 +34,7 @@ def _driven(spoil: np.ndarray, at: int = -1, crowd: bool = False) -> tuple[np.nd
     """Largest errors (m, rad) over 9 m of an arc, with an odometry whose step `at` (every step: -1) is spoilt."""
     step = np.array([0.1, 0.0, 0.02])
     pose = np.zeros(3)
-    found = ScanOdometry(SETUP, _seen(pose, crowd))
+    found = ScanOdometry(SETUP, _seen(pose, crowd), pose)
     worst = np.zeros(2)
     for k in range(90):
         pose = compose(pose[None], (step * [1.0, 1.0, np.cos(0.1 * k)])[None])[0]

@@ -35,7 +35,6 @@ from pfcli.systems.localize_partial import (
 )
 from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading
 from pfcli.systems.localize_partial.params import Params
-from pfcli.systems.result import Track
 
 MODEL = likelihood_field.Model(0.1, 0.8, 5.0)
 
@@ -256,16 +255,14 @@ def test_what_map_and_last_metres_both_explain_drives_nobody_out(assets: Assets)
     params = Params(beam_gain=0.1)
     ratios = corrected._log_ratios(poses, labels, reading, assets, params)
     assert np.log(np.mean(np.exp(ratios))) < 0.0
-    here = corrected.Cloud(poses, labels, weights, ratios)
-    settled = corrected._settled(here, reading, assets, params, Draw(0))
+    here = unplaced.Placed(poses, labels, weights)
+    settled = corrected._settled(here, ratios, reading, assets, params, Draw(0))
     assert settled is not None
     assert settled >= 0.0
     apart = poses + np.where(np.arange(500)[:, None] % 2 == 0, [1.5, 0.0, 0.0], 0.0)
-    assert (
-        corrected._settled(here._replace(pose=apart, log_ratio=np.zeros(500)), reading, assets, params, Draw(0)) is None
-    )
+    assert corrected._settled(here._replace(pose=apart), np.zeros(500), reading, assets, params, Draw(0)) is None
     nothing = reading._replace(ends=np.full((2, 90), 0.2, np.float32))
-    contradicted = corrected._settled(here, nothing, assets, params, Draw(0))
+    contradicted = corrected._settled(here, ratios, nothing, assets, params, Draw(0))
     assert contradicted is not None
     assert contradicted < settled
 
@@ -510,16 +507,8 @@ def test_a_map_is_extended_beyond_its_edge_and_nowhere_else(yaw: float) -> None:
 
 
 def test_the_sample_afterwards_is_known_outside_too_and_draws_what_lies_there() -> None:
-    folder = Path(__file__).parents[2] / "sample_logs"
-    done = run.execute(
-        run.Job(
-            system("localize-partial"),
-            Params(extend_map=True),
-            [folder / "partial.mcap"],
-            map=folder / "partial-partial.yaml",
-        )
-    )
-    track, there = _beside_truth(done, folder / "partial.mcap")
+    done, there = _sample("partial", "unknown", extend_map=True)
+    track = done.result.track
     error = np.hypot(track.columns["x_smoothed_m"] - there[:, 0], track.columns["y_smoothed_m"] - there[:, 1])
     outside = there[:, 0] > 12.5
     assert outside.sum() > 50
@@ -537,30 +526,28 @@ def test_the_sample_afterwards_is_known_outside_too_and_draws_what_lies_there() 
     assert (found.cells >= 0).sum() > 1.2 * (given.cells >= 0).sum()
 
 
-def _sample(name: str, initial: str, **params: Any) -> tuple[Track, np.ndarray]:
-    """The track of a sample log, and the true poses at its stamps."""
+def _sample(name: str, initial: str, **params: Any) -> tuple[run.Run, np.ndarray]:
+    """A run on a sample log, and the true poses at the stamps of its track."""
     folder = Path(__file__).parents[2] / "sample_logs"
     log, grid = folder / f"{name}.mcap", folder / ("partial-partial.yaml" if name == "partial" else f"{name}.yaml")
     done = run.execute(run.Job(system("localize-partial"), Params(**params), [log], map=grid, initial=Initial(initial)))
-    return _beside_truth(done, log)
-
-
-def _beside_truth(done: run.Run, log: Path) -> tuple[Track, np.ndarray]:
-    truth, track = list(Log(log).events(["truth"])), done.result.track
+    truth = list(Log(log).events(["truth"]))
     at, true = np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
-    return track, metrics.interpolate(track.stamps_ns, at, true)
+    return done, metrics.interpolate(done.result.track.stamps_ns, at, true)
 
 
 def test_a_robot_that_was_said_to_be_outside_is_found_in_the_map_within_four_metres() -> None:
     """The scans of the last metres speak for its place too, once that is looked at: without them it takes 30 m."""
-    track, there = _sample("partial", "outside", smooth=False)
+    done, there = _sample("partial", "outside", smooth=False)
+    track = done.result.track
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(there[:, :2], axis=0).T))])
     right = np.hypot(*(track.poses - there)[:, :2].T) < 0.3
     assert way[right][0] < 4.0
 
 
 def test_afterwards_a_carried_robot_has_its_way_back_to_where_it_got_lost_and_not_across() -> None:
-    track, there = _sample("kidnapped", "inside")
+    done, there = _sample("kidnapped", "inside")
+    track = done.result.track
     carried = int(np.argmax(np.hypot(*np.diff(there[:, :2], axis=0).T))) + 1
     error = np.hypot(track.columns["x_smoothed_m"] - there[:, 0], track.columns["y_smoothed_m"] - there[:, 1])
     found = int(np.flatnonzero(np.isfinite(track.poses[carried + 30 :, 0]))[0]) + carried + 30

@@ -42,7 +42,7 @@ class Matched(NamedTuple):
 class ScanOdometry:
     """The pose by scans and odometry, and the maps of the last metres: at least `WAY_M` of way, at most twice as much."""
 
-    def __init__(self, setup: Setup, first: tiles.Beams, pose: NDArray[np.float64] = np.zeros(3)) -> None:  # noqa: B008
+    def __init__(self, setup: Setup, first: tiles.Beams, pose: NDArray[np.float64]) -> None:
         self._setup = setup
         self.pose = pose
         self._older = draw_one(tiles.empty(1, setup.resolution_m), self.pose, first)

@@ -22,7 +22,16 @@ class Reckoned(NamedTuple):
     way_m: float
 
 
-_OFF_M, _OFF_PER_M, _OFF_RAD = 0.5, 0.1, 0.2
+class _Chain(NamedTuple):
+    """All updates: poses found and reckoned (n, 3), way (n,), and the piece (n,) of what was reckoned, which no break parts."""
+
+    found: NDArray[np.float64]
+    reckoned: NDArray[np.float64]
+    way_m: NDArray[np.float64]
+    piece: NDArray[np.int64]
+
+
+_OFF_M, _OFF_PER_M, _OFF_RAD, _OFF_RAD_PER_M = 0.5, 0.1, 0.2, 0.01
 """By so much, and so much more for each metre between them, two places may contradict what was reckoned."""
 _LASTS_M = 10.0
 """Places that both lasted so long are both right: the robot was carried between them."""
@@ -40,7 +49,7 @@ def poses(updates: list[Reckoned], in_map: NDArray[np.float64]) -> NDArray[np.fl
     found, reckoned = np.array([u.found for u in updates]), np.array([u.pose for u in updates])
     sure = np.array([u.sure for u in updates]) & (in_map >= 0.5)
     way_m, piece = np.array([u.way_m for u in updates]), np.cumsum(_breaks(updates), dtype=np.int64)
-    sure, carried = _agreeing(found, reckoned, sure, way_m, piece)
+    sure, carried = _agreeing(_Chain(found, reckoned, way_m, piece), sure)
     piece = piece + np.cumsum(carried)
     out = np.where(sure[:, None], found, np.nan)
     known = np.flatnonzero(sure)
@@ -74,13 +83,7 @@ def _breaks(updates: list[Reckoned]) -> NDArray[np.bool_]:
     return np.asarray(out)
 
 
-def _agreeing(
-    found: NDArray[np.float64],
-    reckoned: NDArray[np.float64],
-    sure: NDArray[np.bool_],
-    way_m: NDArray[np.float64],
-    piece: NDArray[np.int64],
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _agreeing(chain: _Chain, sure: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Of the sure poses those that agree with each other, and where the robot was carried between two of them, both (n,).
 
     The stretches of sure poses that make the longest way together, no two in a row contradicting what was reckoned between.
@@ -88,14 +91,14 @@ def _agreeing(
     known = np.flatnonzero(sure)
     if known.size == 0:
         return sure, np.zeros(sure.size, np.bool_)
-    jumps = ~_follows(known[:-1], known[1:], found, reckoned, way_m, piece)
-    first = known[np.concatenate([[True], (np.diff(known) > 1) | jumps])]
-    last = known[np.concatenate([(np.diff(known) > 1) | jumps, [True]])]
-    length = way_m[last] - way_m[first] + 1e-6
+    jumps = ~_follows(known[:-1], known[1:], chain)
+    parted = (np.diff(known) > 1) | jumps
+    first, last = known[np.concatenate([[True], parted])], known[np.concatenate([parted, [True]])]
+    length = chain.way_m[last] - chain.way_m[first] + 1e-6
     best, before = length.copy(), np.full(first.size, -1)
     for t in range(1, first.size):
         s = np.arange(max(0, t - _LOOKED_BACK), t)
-        fits = _follows(last[s], np.full(s.size, first[t]), found, reckoned, way_m, piece)
+        fits = _follows(last[s], np.full(s.size, first[t]), chain)
         fits |= (length[s] >= _LASTS_M) & (length[t] >= _LASTS_M)
         if fits.any():
             chosen = s[fits][np.argmax(best[s[fits]])]
@@ -105,26 +108,21 @@ def _agreeing(
         kept[first[k] : last[k] + 1] = True
         one = int(before[k])
         if one >= 0:
-            carried[first[k]] = not _follows(last[one : one + 1], first[k : k + 1], found, reckoned, way_m, piece)[0]
+            carried[first[k]] = not _follows(last[one : one + 1], first[k : k + 1], chain)[0]
         k = one
     return kept, carried
 
 
-def _follows(
-    a: NDArray[np.int64],
-    b: NDArray[np.int64],
-    found: NDArray[np.float64],
-    reckoned: NDArray[np.float64],
-    way_m: NDArray[np.float64],
-    piece: NDArray[np.int64],
-) -> NDArray[np.bool_]:
+def _follows(a: NDArray[np.int64], b: NDArray[np.int64], chain: _Chain) -> NDArray[np.bool_]:
     """Whether the poses found at updates b follow from those at a by what was reckoned between (n,); so they do across breaks."""
     if a.size == 0:
         return np.zeros(0, np.bool_)
-    off = between(between(found[a], found[b]), between(reckoned[a], reckoned[b]))
-    way = way_m[b] - way_m[a]
+    off = between(between(chain.found[a], chain.found[b]), between(chain.reckoned[a], chain.reckoned[b]))
+    way = chain.way_m[b] - chain.way_m[a]
     near = np.hypot(off[:, 0], off[:, 1]) <= _OFF_M + _OFF_PER_M * way
-    return np.asarray((near & (np.abs(off[:, 2]) <= _OFF_RAD + 0.01 * way)) | (piece[a] != piece[b]))
+    return np.asarray(
+        (near & (np.abs(off[:, 2]) <= _OFF_RAD + _OFF_RAD_PER_M * way)) | (chain.piece[a] != chain.piece[b])
+    )
 
 
 def _stretches(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:

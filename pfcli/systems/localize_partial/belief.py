@@ -44,6 +44,11 @@ def in_the_map(label: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray((label == 2) | (label == 3) | (label == 6))
 
 
+def share_in_map(b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...,) probability of being in the map, of class probabilities (..., 7)."""
+    return np.asarray(b[..., 0] + b[..., 2] + b[..., 3] + b[..., 6])
+
+
 def band_count(region: Region, moved: NDArray[np.float64], sd: NDArray[np.float64]) -> int:
     """How many of the cells near a frontier lie within one step of it, noise included."""
     reach = max(np.hypot(moved[0], moved[1]) + 2 * sd[0], MIN_BAND_CELLS * region.resolution_m)

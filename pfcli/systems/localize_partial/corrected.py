@@ -4,8 +4,6 @@ In the paper's order: particles move and change class (section 2), those who may
 (definition 1), the scan weighs particles and classes (eqs (13)-(23)), each cluster is resampled on its own.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,15 +34,6 @@ _MARGIN_LEFT = 0.5
 """Share of the history's margin that is granted then: the other half stood for the spread."""
 
 
-class Cloud(NamedTuple):
-    """pose (n, 3), class (n,) and weight (n,) of particles; log_ratio (n,), log likelihood of the scan over that outside."""
-
-    pose: NDArray[np.float64]
-    label: NDArray[np.uint8]
-    weight: NDArray[np.float64]
-    log_ratio: NDArray[np.float64]
-
-
 def update(belief: Belief, reading: Reading, assets: Assets, params: Params, draw: Draw) -> Belief:
     """Predict, enter, weigh, regroup."""
     moved, stamp_ns = reading.moved, reading.stamp_ns
@@ -64,11 +53,10 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
         rng = draw(Purpose.INJECT, stamp_ns)
         pose, weight = anneal.gather(pose, float(weight.sum()), params.particles, reading, assets, params, rng)
         label = np.full(pose.shape[0], 3, np.uint8)
-    cloud = Cloud(pose, label, weight, _log_ratios(pose, label, reading, assets, params))
-    settled = _settled(cloud, reading, assets, params, draw)
-    weight, unplaced, log_evidence, credit = _weigh(
-        cloud, unplaced, settled, float(np.hypot(moved[0], moved[1])), params
-    )
+    placed, log_ratio = Placed(pose, label, weight), _log_ratios(pose, label, reading, assets, params)
+    settled = _settled(placed, log_ratio, reading, assets, params, draw)
+    way_m = float(np.hypot(moved[0], moved[1]))
+    weight, unplaced, log_evidence, credit = _weigh(placed, log_ratio, unplaced, settled, way_m, params)
     held = float(weight.sum())
     n_eff = float(effective_sample_size(weight / held)) if held > 0.0 else 0.0
     error = params.kld_error if params.kld else 0.0
@@ -100,14 +88,16 @@ def _evidence(pose: NDArray[np.float64], reading: Reading, assets: Assets) -> ND
     return likelihood_field.evidence(pose, reading.ends, assets.field, reading.level, reading.base)
 
 
-def _settled(cloud: Cloud, reading: Reading, assets: Assets, params: Params, draw: Draw) -> float | None:
+def _settled(
+    placed: Placed, log_ratio: NDArray[np.float64], reading: Reading, assets: Assets, params: Params, draw: Draw
+) -> float | None:
     """Log evidence of class 3 as a whole once it knows where it is; None while it does not.
 
     The last metres are asked at one pose, the map at many: a cluster would pay for every turn that spreads it, and for
     what both know the outside would win. Settled, it is asked where it is after the scan, and a beam that map and last
     metres both explain speaks for nobody.
     """
-    pose, label, weight, log_ratio = cloud
+    pose, label, weight = placed
     if not params.outside_likelihood or reading.first:
         return None
     here, after = kernels.after_scan(label, 3, weight, log_ratio)
@@ -124,14 +114,19 @@ def _settled(cloud: Cloud, reading: Reading, assets: Assets, params: Params, dra
 
 
 def _weigh(
-    cloud: Cloud, unplaced: NDArray[np.float64], settled: float | None, way_m: float, params: Params
+    placed: Placed,
+    log_ratio: NDArray[np.float64],
+    unplaced: NDArray[np.float64],
+    settled: float | None,
+    way_m: float,
+    params: Params,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
     """Eqs (13)-(23) with the likelihood counted once; it is a ratio to the outside, which the outside classes take as 1.
 
-    unplaced: (2,), see `unplaced`; settled: see `_settled`; way_m: of the step. Returns weights (n,), unplaced,
-    log evidence, and the credit of those somewhere in the map (see `Belief`).
+    log_ratio: (n,), see `_log_ratios`; unplaced: (2,), see `unplaced`; settled: see `_settled`; way_m: of the step. Returns
+    weights (n,), unplaced, log evidence, and the credit of those somewhere in the map (see `Belief`).
     """
-    _, label, weight, log_ratio = cloud
+    _, label, weight = placed
     least = -np.inf if settled is None else settled
     after, sum_after, top, before, left = kernels.weigh(label, weight, log_ratio, least, MOST_AGAINST)
     if params.outside_likelihood:

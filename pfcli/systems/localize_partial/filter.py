@@ -25,7 +25,7 @@ from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.frames import FrameKeeper
 from pfcli.systems.localize_partial import afterwards, corrected, paper, smooth, unplaced
-from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading, in_the_map
+from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading, in_the_map, share_in_map
 from pfcli.systems.localize_partial.extend import extended
 from pfcli.systems.localize_partial.params import Params
 from pfcli.systems.localize_partial.reckoning import CELL_M, Reckoning, reckon
@@ -91,7 +91,6 @@ class State(NamedTuple):
     track: TrackKeeper
     frames: FrameKeeper
     history: list[smooth.Step]
-    in_map: list[float]
     stamps_ns: list[int]
     past: list[Past]
     reckoned: list[afterwards.Reckoned]
@@ -148,7 +147,6 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         local_history.empty(),
         TrackKeeper(),
         FrameKeeper(),
-        [],
         [],
         [],
         [],
@@ -217,7 +215,7 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     """Estimate and record."""
     b = belief.b
     inside = in_the_map(belief.label)
-    in_map = float(b[0] + b[2] + b[3] + b[6])
+    in_map = float(share_in_map(b))
     nowhere = estimate.PoseEstimate(np.full(3, np.nan), np.full((3, 3), np.nan), 0.0)
     found = nowhere
     if inside.any() and in_map >= 0.5 and b[0] < in_map / 2:
@@ -225,7 +223,6 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     elif in_map < 0.5 and b[4] + b[5] > b[1]:
         found = estimate.whole(belief.pose[~inside], belief.weight[~inside])
     state.track.update(found.pose, found.cov)
-    state.in_map.append(in_map)
     state.stamps_ns.append(sweep.stamp_ns)
     state.history.append(smooth.Step(belief.transition, b))
     counts = np.bincount(belief.label, minlength=7)
@@ -260,14 +257,14 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
 
 def finish(state: State, assets: Assets, params: Params) -> Result:
     """Track with the probability of being in the map, entries and exits."""
-    in_map = np.array(state.in_map)
+    in_map = share_in_map(np.array([kept.b for kept in state.history]))
     columns = {"in_map": in_map}
     layers: dict[str, GridMap] = {}
     if params.smooth:
         smoothed = smooth.backward(state.history)
         for k in range(1, 7):
             columns[f"b{k}_smoothed"] = smoothed[:, k] + (smoothed[:, 0] if k == 3 else 0.0)
-        in_map = smoothed[:, 0] + smoothed[:, 2] + smoothed[:, 3] + smoothed[:, 6]
+        in_map = share_in_map(smoothed)
         columns["in_map_smoothed"] = in_map
     track = state.track.track(columns)
     if params.smooth:

@@ -47,7 +47,7 @@ def reckon(
     noise = noise_of(params)
     setup = Setup(_MATCHER, _WINDOW, noise, CELL_M, _DRAW_INLIERS)
     if before.scans is None:
-        return before._replace(scans=ScanOdometry(setup, scan)), moved
+        return before._replace(scans=ScanOdometry(setup, scan, before.pose)), moved
     rolling = noise._replace(xy_per_m=_TIGHTER * noise.xy_per_m, xy_m=_TIGHTER * noise.xy_m)
     way_m += TURN_M * abs(float(moved[2]))
     found = before.scans.step(scan, moved, way_m, rolling)

@@ -107,21 +107,20 @@ def search(
 
     Returns their particles and what is left unplaced (2,); the flow is written into the transition (7, 7).
     """
-    region, rng = assets.region, draw(Purpose.INJECT, reading.stamp_ns)
+    rng = draw(Purpose.INJECT, reading.stamp_ns)
     found = Placed(np.empty((0, 3)), np.empty(0, np.uint8), np.empty(0))
     left = unplaced.copy()
-    for source, of_class in ((1, 2), (0, 3)):
-        if unplaced[source] <= WORTH_A_SEARCH:
+    entering = 1.0 - float(np.exp(-np.hypot(reading.moved[0], reading.moved[1]) / params.entry_length_m))
+    for source, of_class, share in ((1, 2, entering), (0, 3, _LOOKED_FOR)):
+        if unplaced[source] <= WORTH_A_SEARCH or share <= 0.0:
             continue
         given_up = of_class == 3 and unplaced[1] > _GIVEN_UP
         most = params.frontier_samples
         wanted = most if given_up else kernels.worth(unplaced[source], most, params.min_particles)
         if of_class == 2:
-            share = 1.0 - float(np.exp(-np.hypot(reading.moved[0], reading.moved[1]) / params.entry_length_m))
-            poses = _at_frontiers(wanted, reading, assets, params, rng) if share > 0.0 else np.empty((0, 3))
+            poses = _at_frontiers(wanted, reading, assets, params, rng)
         else:
-            share = _LOOKED_FOR
-            poses = particles.uniform(region.free_xy, region.resolution_m / 2, BLIND * most, rng)
+            poses = particles.uniform(assets.region.free_xy, assets.region.resolution_m / 2, BLIND * most, rng)
         if poses.shape[0] == 0:
             continue
         mass = share * float(unplaced[source])

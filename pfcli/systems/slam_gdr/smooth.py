@@ -174,7 +174,7 @@ def _seen_from(headings: NDArray[np.float64], information_of: NDArray[np.float64
 def _chained(log: Log, steps: NDArray[np.float64], noise: Noise, way: NDArray[np.float64], setup: Setup) -> _Chain:
     """Match each scan against the map of the way behind it. noise: of the steps (t - 1, 3) while the wheels do not slip."""
     poses, information_of, fits = np.zeros((way.size, 3)), np.empty((way.size - 1, 3, 3)), np.ones(way.size, np.bool_)
-    behind = ScanOdometry(setup, log.scans[0])
+    behind = ScanOdometry(setup, log.scans[0], poses[0])
     for k in range(1, way.size):
         poses[k], information_of[k - 1], fits[k] = behind.step(log.scans[k], steps[k - 1], way[k] - way[k - 1], noise)
     first = np.arange(way.size - 1)
