@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from pfcli.batch import manifest, summary
-from pfcli.batch.local import Limits, run_local
-from pfcli.batch.tally import Tally
+from pfcli.batches import summary, sweep
+from pfcli.batches.job_records import Tally
+from pfcli.batches.processes import Limits, run_local
+from pfcli.cli.system_command import COMMAND_LINE
 from pfcli.formats import parquet
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
@@ -34,19 +35,19 @@ end = {end}
 """
 
 
-def tasks(folder: Path, seeds: int, end_s: float) -> list[manifest.Task]:
+def tasks(folder: Path, seeds: int, end_s: float) -> list[sweep.Task]:
     with contextlib.suppress(shutil.SameFileError):
         shutil.copy(SAMPLES / "landmarks.mcap", folder / "landmarks.mcap")
     path = folder / "sweep.toml"
     path.write_text(SWEEP.format(seeds=seeds, end=end_s))
-    return manifest.read(path)
+    return sweep.read(path, COMMAND_LINE)
 
 
-def local(jobs: list[manifest.Task], folder: Path, workers: int) -> tuple[float, float]:
+def local(jobs: list[sweep.Task], folder: Path, workers: int) -> tuple[float, float]:
     """Seconds of the batch, and mean seconds of the replays in it."""
     tally = Tally(folder, "never")
     began = time.perf_counter()
-    run_local(tally.open(jobs), tally, workers, Limits())
+    run_local(tally.open(jobs), tally, workers, Limits(), COMMAND_LINE)
     took = time.perf_counter() - began
     ran = [json.loads(path.read_text())["seconds"] for path in (folder / "jobs").glob("*/run.json")]
     return took, float(np.mean([sum(seconds.values()) for seconds in ran]))
@@ -71,7 +72,7 @@ def workers() -> None:
         folder, ratios = Path(name), []
         shutil.copy(SAMPLES / "small-loop.mcap", folder / "small-loop.mcap")
         (folder / "long.toml").write_text('logs = ["small-loop.mcap"]\nsystems = ["slam-gdr"]\nseeds = 40\n')
-        jobs = manifest.read(folder / "long.toml")
+        jobs = sweep.read(folder / "long.toml", COMMAND_LINE)
         local(jobs[:2], folder / "warm", 2)
         for k in range(3):
             one, _ = local(jobs, folder / f"one{k}", 1)
@@ -81,7 +82,7 @@ def workers() -> None:
 
 
 def dask() -> None:
-    from pfcli.batch.cluster import run_dask
+    from pfcli.batches.dask_cluster import run_dask
 
     with tempfile.TemporaryDirectory() as name:
         folder, where = Path(name), Path(name) / "scheduler.json"
@@ -97,11 +98,11 @@ def dask() -> None:
             processes.append(subprocess.Popen(worker, **quiet))
         try:
             warm = Tally(folder / "warm", "never")
-            run_dask(warm.open(tasks(folder, 20, 2.0)), warm, address, send=False)
+            run_dask(warm.open(tasks(folder, 20, 2.0)), warm, address, COMMAND_LINE, send=False)
             jobs = tasks(folder, 400, 2.0)
             began = time.perf_counter()
             tally = Tally(folder / "out", "never")
-            run_dask(tally.open(jobs), tally, address, send=False)
+            run_dask(tally.open(jobs), tally, address, COMMAND_LINE, send=False)
             took = time.perf_counter() - began
         finally:
             for process in processes:

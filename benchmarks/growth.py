@@ -12,17 +12,17 @@ matplotlib.use("Agg")
 import worlds
 from matplotlib import pyplot
 
-from pfcli import run
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Settings
+from pfcli.replay.log import Settings
+from pfcli.runs import loop
 
 
 def loop_seconds(log: Path, particles: int, end_s: float | None = None) -> tuple[float, int]:
     """Loop time and number of scans."""
     slam = system("slam-gdr")
-    done = run.execute(
-        run.Job(slam, build(slam.params, {"particles": particles}, "b"), [log], settings=Settings(end_s=end_s))
+    done = loop.execute(
+        loop.Job(slam, build(slam.params, {"particles": particles}, "b"), [log], settings=Settings(end_s=end_s))
     )
     return done.seconds["loop"], int(done.result.track.stamps_ns.size)
 

@@ -19,17 +19,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfcli import run
+from pfcli.core.evaluation.track_error import align_se2
 from pfcli.core.geometry import compose
-from pfcli.dead_reckoning import DeadReckoning, Drive
 from pfcli.events import Landmarks, Sighting, Steering
-from pfcli.formats import landmark_csv, landmarklogs
+from pfcli.formats import landmark_csv, landmark_logs
 from pfcli.formats.log_writer import LogWriter
 from pfcli.registry import system
-from pfcli.replay import Settings
-from pfcli.report.metrics import align_se2
+from pfcli.replay.dead_reckoning import DeadReckoning, Drive
+from pfcli.replay.log import Settings
 from pfcli.rng import Draw
-from pfcli.simulate import landmarks as simulated
+from pfcli.runs import loop
+from pfcli.simulation import landmark_world as simulated
 from pfcli.systems.slam_landmarks.params import Params
 
 DATA = Path(os.environ.get("PFCLI_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
@@ -71,7 +71,7 @@ def driven(world: simulated.LandmarkWorld, given: dict[str, Any], seed: int) -> 
         log = Path(folder) / "log.mcap"
         simulated.write(world, seed, log)
         params = Params(**({"particles": 20} | simulated.NOISE | given))
-        found = run.execute(run.Job(SLAM, params, [log], seed, truth="auto", threads=1))
+        found = loop.execute(loop.Job(SLAM, params, [log], seed, truth="auto", threads=1))
     seen = [now for now in simulated.play(world, seed) if now.seen is not None]
     truth = {now.stamp_ns: now.truth for now in seen}
     track = found.result.track
@@ -149,7 +149,7 @@ def paper(seeds: int) -> None:
                 )
 
 
-def _mcap(source: Path, folder: Path, read: Any = landmarklogs.mrclam) -> tuple[Path, Path]:
+def _mcap(source: Path, folder: Path, read: Any = landmark_logs.mrclam) -> tuple[Path, Path]:
     """Log and landmark map of a recorded log."""
     found, target = read(source), folder / f"{source.stem}.mcap"
     with LogWriter(target) as out:
@@ -177,14 +177,14 @@ def real() -> None:
             ):
                 _report(f"robot {robot}, {label}", log, marks, CLAM | given, READING)
         source = DATA / "stachniss" / "sensor_data.dat"
-        log, marks = _mcap(source, Path(name), landmarklogs.stachniss)
+        log, marks = _mcap(source, Path(name), landmark_logs.stachniss)
         for label, given in (("SLAM", {}), ("SLAM, smoothed", {"smooth": True})):
             _report(f"lectures' world, {label}", log, marks, LECTURES | given, Settings())
 
 
 def _report(label: str, log: Path, marks: Path, given: dict[str, Any], reading: Settings) -> None:
     truth = None if "lectures" in label else "auto"
-    found = run.execute(run.Job(SLAM, Params(**given), [log], settings=reading, truth=truth, threads=1))
+    found = loop.execute(loop.Job(SLAM, Params(**given), [log], settings=reading, truth=truth, threads=1))
     words = [label]
     if found.errors is not None:
         yaw = math.degrees(float(np.sqrt(np.nanmean(found.errors.yaw_rad**2))))

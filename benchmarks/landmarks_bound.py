@@ -17,15 +17,15 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import least_squares
 
-from pfcli import run
 from pfcli.core import landmark_store
 from pfcli.core.geometry import compose
-from pfcli.simulate import landmarks as simulated
-from pfcli.systems.slam_landmarks import history, smooth
+from pfcli.runs import loop
+from pfcli.simulation import landmark_world as simulated
+from pfcli.systems.slam_landmarks import landmark_smoother, particle_history
 from pfcli.systems.slam_landmarks.params import Params
 
 
-def _least_squares(log: smooth.Log, track: np.ndarray, marks: np.ndarray) -> np.ndarray:
+def _least_squares(log: landmark_smoother.Log, track: np.ndarray, marks: np.ndarray) -> np.ndarray:
     """The track of plain least squares by scipy's solver: nothing of it is pfcli's but the list of measurements."""
     n, known = log.step.shape[0], track[0]
 
@@ -71,11 +71,11 @@ def bounds(name: str, seed: int) -> tuple[float, float, float]:
         log = Path(folder) / "log.mcap"
         simulated.write(world, seed, log)
         params = Params(particles=20, rejuvenate_steps=0, **simulated.NOISE)
-        run.execute(run.Job(landmarks.SLAM._replace(finish=finish), params, [log], seed, threads=1))
+        loop.execute(loop.Job(landmarks.SLAM._replace(finish=finish), params, [log], seed, threads=1))
     truth = np.array([now.truth for now in simulated.play(world, seed) if now.seen is not None and now.seen.size])
     best = int(np.argmax(kept[0].log_w))
-    past = history.of_particle(kept[0].history, best, landmark_store.landmarks(kept[0].store, best))
-    whole = smooth.solve(past.log, past.track, past.places)
+    past = particle_history.of_particle(kept[0].history, best, landmark_store.landmarks(kept[0].store, best))
+    whole = landmark_smoother.solve(past.log, past.track, past.places)
     reference = _least_squares(past.log, whole.track, whole.marks)
     track, places, errors = whole.track[:1], whole.marks.copy(), []
     for t in range(50, truth.shape[0], 50):
@@ -85,15 +85,15 @@ def bounds(name: str, seed: int) -> tuple[float, float, float]:
     return landmarks.rmse(np.array(errors)), off[0], off[1]
 
 
-def _upto(log: smooth.Log, t: int, track: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _upto(log: landmark_smoother.Log, t: int, track: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least squares on what was seen up to observation t, from the solution of an earlier one."""
     rows = list(track)
     for step in log.step[len(rows) - 1 : t]:
         rows.append(compose(rows[-1][None], step[None])[0])
     seen = log.at <= t
     used, of = np.unique(log.of[seen], return_inverse=True)
-    part = smooth.Log(log.step[:t], log.step_sd[:t], log.at[seen], of, log.z[seen], log.sd[seen])
-    found = smooth.solve(part, np.array(rows), places[used])
+    part = landmark_smoother.Log(log.step[:t], log.step_sd[:t], log.at[seen], of, log.z[seen], log.sd[seen])
+    found = landmark_smoother.solve(part, np.array(rows), places[used])
     places = places.copy()
     places[used] = found.marks
     return found.track, places

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from pfcli.formats import map_yaml
-from pfcli.simulate.scenario import Scenario, write
-from pfcli.simulate.world import WORLDS, rasterize
+from pfcli.simulation.indoor_world import WORLDS, rasterize
+from pfcli.simulation.scenario import Scenario, write
 
-RUN = [sys.executable, "-c", "from pfcli.cli import run; run()"]
+RUN = [sys.executable, "-c", "from pfcli.cli.app import run; run()"]
 
 
 def make(path: Path, hours: float) -> dict[str, float]:

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 import worlds
 
-from pfcli import run
+from pfcli.core.evaluation import se2, track_error
 from pfcli.core.geometry import compose
-from pfcli.dead_reckoning import Drive
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.report import metrics
+from pfcli.replay.dead_reckoning import Drive
+from pfcli.runs import loop
 
 WEAN_END = np.array([39.78, 39.81, -0.03])
 DRIVES = {
@@ -56,10 +56,10 @@ def converted(source: str) -> Path:
 
 def job(
     name: str, log: Path, params: dict[str, Any], seed: int, wheels: tuple[float, float] | None, **more: Any
-) -> run.Run:
+) -> loop.Run:
     found = system(name)
     drive = Drive(radius_m=(wheels[0],), track_m=wheels[1]) if wheels else Drive()
-    return run.execute(run.Job(found, build(found.params, params, "b"), [log], seed, drive=drive, **more))
+    return loop.execute(loop.Job(found, build(found.params, params, "b"), [log], seed, drive=drive, **more))
 
 
 def laser(poses: np.ndarray, ahead_m: float) -> np.ndarray:
@@ -87,14 +87,14 @@ def main(seeds: int = 10) -> None:
     wean(seeds)
 
 
-def report(name: str, seed: int, done: run.Run, slam: run.Run, ahead: float) -> None:
+def report(name: str, seed: int, done: loop.Run, slam: loop.Run, ahead: float) -> None:
     mine, track = laser(done.result.track.poses, ahead), laser(slam.result.track.poses, ahead)
     stamps = done.result.track.stamps_ns
     if name == "lego":
         when, where = reference()
         there = np.column_stack([np.interp(stamps, when, where[:, k]) for k in (0, 1)] + [np.zeros(stamps.size)])
         seen = (stamps >= when[0]) & (stamps <= when[-1])
-        mine = compose(metrics.align_se2(track[seen], there[seen])[None], mine)
+        mine = compose(track_error.align_se2(track[seen], there[seen])[None], mine)
     else:
         there, seen = track, np.ones(stamps.size, bool)
     since = done.result.summary["certain_since_s"]
@@ -116,7 +116,7 @@ def wean(seeds: int) -> None:
         )
         off = done.result.track.poses[-1] - WEAN_END
         looks = done.result.summary["looks_around"]
-        print(f"| {seed} | {np.hypot(*off[:2]):.3f} | {np.degrees(metrics.wrap(off[2])):.1f} | {looks} |", flush=True)
+        print(f"| {seed} | {np.hypot(*off[:2]):.3f} | {np.degrees(se2.wrap(off[2])):.1f} | {looks} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -16,21 +16,22 @@ from typing import Any
 import numpy as np
 import worlds
 
-from pfcli import align, run
+from pfcli.core.evaluation.se2 import wrap
 from pfcli.core.geometry import compose
 from pfcli.core.grid import raycast
 from pfcli.core.weights import normalize
-from pfcli.dead_reckoning import Drive
+from pfcli.dropped import Loss
 from pfcli.events import Sounding, Sweep
 from pfcli.initial import Initial
-from pfcli.loss import Loss
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Log
-from pfcli.report.metrics import wrap
+from pfcli.replay import align
+from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.log import Log
 from pfcli.rng import Draw
-from pfcli.simulate.scenario import WHEEL_RADIUS_M
-from pfcli.systems.localize_lookup.beams import beams_of
+from pfcli.runs import loop
+from pfcli.simulation.scenario import WHEEL_RADIUS_M
+from pfcli.systems.localize_lookup.reading_beams import beams_of
 
 LOOKUP = system("localize-lookup")
 DRIVE = Drive(radius_m=(WHEEL_RADIUS_M,), track_m=0.33)
@@ -85,7 +86,7 @@ def tells(world: World, assets: Any, params: Any) -> np.ndarray:
 
 
 def load(world: World, params: Any) -> Any:
-    job = run.Job(LOOKUP, params, [world.log], map=world.log.with_suffix(".yaml"), initial=Initial("inside"))
+    job = loop.Job(LOOKUP, params, [world.log], map=world.log.with_suffix(".yaml"), initial=Initial("inside"))
     return LOOKUP.load(params, job)
 
 

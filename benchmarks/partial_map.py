@@ -15,14 +15,14 @@ import partial_score
 import plain_mcl
 import worlds
 
-from pfcli import run
+from pfcli.core.evaluation import se2
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Log
-from pfcli.report import metrics
-from pfcli.simulate import scenario
+from pfcli.replay.log import Log
+from pfcli.runs import loop
+from pfcli.simulation import scenario
 
 SCENARIOS = {
     "partial-leave": "unknown",
@@ -50,10 +50,12 @@ def log_of(scenario: str, seed: int) -> tuple[Path, Path]:
     return path, partial
 
 
-def localise(log: Path, map_file: Path, seed: int, initial: Initial, **params: Any) -> run.Run:
+def localise(log: Path, map_file: Path, seed: int, initial: Initial, **params: Any) -> loop.Run:
     """One run of localize-partial."""
     partial = system("localize-partial")
-    return run.execute(run.Job(partial, build(partial.params, params, "b"), [log], seed, map=map_file, initial=initial))
+    return loop.execute(
+        loop.Job(partial, build(partial.params, params, "b"), [log], seed, map=map_file, initial=initial)
+    )
 
 
 LONG_OUTSIDE = ["partial-never", "partial-loops", "partial-30"]
@@ -134,7 +136,7 @@ def plain(seeds: int, particles: int = 2000) -> None:
             found = np.array([pose for _, _, pose in rows])
             there, inside = partial_score.truth_at(np.array([t for t, _, _ in rows]), log, map_file)
             right = np.hypot(*(found - there)[:, :2].T) < partial_score.RIGHT_M
-            right &= np.abs(metrics.wrap(found[:, 2] - there[:, 2])) < partial_score.RIGHT_RAD
+            right &= np.abs(se2.wrap(found[:, 2] - there[:, 2])) < partial_score.RIGHT_RAD
             shares.append((inside[late].mean(), right[late & inside].mean() if (late & inside).any() else np.nan))
         print(f"| {name} | {np.mean([s[0] for s in shares]):.3f} | {np.mean([s[1] for s in shares]):.3f} |", flush=True)
 

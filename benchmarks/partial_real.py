@@ -11,14 +11,14 @@ import numpy as np
 import partial_map
 import worlds
 
-from pfcli import run
+from pfcli.core.evaluation import se2, track_error
 from pfcli.core.grid.region import places, region_of
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Settings
-from pfcli.report import metrics
+from pfcli.replay.log import Settings
+from pfcli.runs import loop
 
 WEAN_END = np.array([39.78, 39.81, -0.03])
 CUT_S = {"intel": 900.0, "aces": 500.0}
@@ -35,7 +35,7 @@ def wean(seeds: int) -> None:
         done = partial_map.localise(log, worlds.DATA / "wean/wean.yaml", seed, Initial("inside"))
         off = done.result.track.poses[-1] - WEAN_END
         print(
-            f"| {seed} | {np.hypot(*off[:2]):.3f} | {np.degrees(metrics.wrap(off[2])):.1f} | {done.infos[-1].in_map:.3f} |"
+            f"| {seed} | {np.hypot(*off[:2]):.3f} | {np.degrees(se2.wrap(off[2])):.1f} | {done.infos[-1].in_map:.3f} |"
             f" {done.seconds['loop']:.1f} |",
             flush=True,
         )
@@ -46,10 +46,10 @@ def cut(name: str, seeds: int) -> None:
     slam = system("slam-gdr")
     log = worlds.recorded(name)
     full = worlds.slam(log, 0)
-    first = run.execute(run.Job(slam, build(slam.params, {}, "b"), [log], settings=Settings(end_s=CUT_S[name])))
+    first = loop.execute(loop.Job(slam, build(slam.params, {}, "b"), [log], settings=Settings(end_s=CUT_S[name])))
     n = first.result.track.stamps_ns.size
     mine, cut_track = full.result.track.poses[:n], first.result.track.poses
-    truth = metrics.compose(metrics.align_se2(mine, cut_track)[None], full.result.track.poses)
+    truth = se2.compose(track_error.align_se2(mine, cut_track)[None], full.result.track.poses)
     residual = np.sqrt(np.mean(np.sum((truth[:n] - cut_track)[:, :2] ** 2, axis=1)))
     grid = first.result.grid
     assert grid is not None

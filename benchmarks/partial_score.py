@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli import run
+from pfcli.core.evaluation import se2, track_error
 from pfcli.core.grid.region import places, region_of
 from pfcli.formats import map_yaml, parquet
 from pfcli.registry import system
-from pfcli.replay import Log
-from pfcli.report import metrics
+from pfcli.replay.log import Log
+from pfcli.runs import loop
 
 SETTLED_M = 10.0
 RIGHT_M, RIGHT_RAD = 0.3, np.radians(10.0)
@@ -54,12 +54,12 @@ def true_classes(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
 def truth_at(stamps: NDArray[np.int64], log: Path, map_file: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """True poses at the stamps, and whether they lie in the map."""
     truth = list(Log(log).events(["truth"]))
-    there = metrics.interpolate(stamps, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth]))
+    there = track_error.interpolate(stamps, np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth]))
     grid = map_yaml.read(map_file)
     return there, places(region_of(grid.cells, grid.resolution_m, grid.origin), there[:, :2]) != 0
 
 
-def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
+def beside_truth(done: loop.Run, log: Path, map_file: Path) -> Drive:
     """Compare every update with the truth."""
     rows = parquet.columns_of(done.infos, system("localize-partial").info)
     stamps = np.asarray(rows["t_ns"])
@@ -75,7 +75,7 @@ def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
         true_classes(inside),
         1 + b.argmax(axis=1),
         np.hypot(*(poses - there)[:, :2].T),
-        np.abs(metrics.wrap(poses[:, 2] - there[:, 2])),
+        np.abs(se2.wrap(poses[:, 2] - there[:, 2])),
         (stamps - stamps[0]) * 1e-9,
         1e3 * done.seconds["loop"] / len(done.infos),
         np.hypot(*(_afterwards(done)[index] - there[:, :2]).T),
@@ -83,7 +83,7 @@ def beside_truth(done: run.Run, log: Path, map_file: Path) -> Drive:
     )
 
 
-def _afterwards(done: run.Run) -> NDArray[np.float64]:
+def _afterwards(done: loop.Run) -> NDArray[np.float64]:
     """Positions (n, 2) as the whole log knows them."""
     track = done.result.track
     if "x_smoothed_m" not in track.columns:

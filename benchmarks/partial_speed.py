@@ -17,9 +17,9 @@ from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.registry import system
 from pfcli.rng import Draw
-from pfcli.run import Job, execute
-from pfcli.systems.localize_partial import corrected, filter, reckoning
-from pfcli.systems.localize_partial.belief import Assets, Belief, Reading
+from pfcli.runs.loop import Job, execute
+from pfcli.systems.localize_partial import filter, matched_odometry, update_corrected
+from pfcli.systems.localize_partial.class_belief import Assets, Belief, Reading
 from pfcli.systems.localize_partial.params import Params
 
 
@@ -75,7 +75,7 @@ def main() -> None:
             for count in (1, 2):
                 threads.set_threads(count)
                 row.append(
-                    f"{median_ms(lambda b=belief, r=reading: corrected.update(b, r, assets, params, Draw(0))):.3f} ms"
+                    f"{median_ms(lambda b=belief, r=reading: update_corrected.update(b, r, assets, params, Draw(0))):.3f} ms"
                 )
             print(f"| whole update, {n} x 60, {which} | {row[0]} | {row[1]} | |", flush=True)
     took = reckoned_ms(log, assets)
@@ -84,7 +84,7 @@ def main() -> None:
 
 def reckoned_ms(log: Path, assets: Assets) -> float:
     """Median time that an update of a whole drive spends on the odometry by scans."""
-    took, reckon = [], reckoning.reckon
+    took, reckon = [], matched_odometry.reckon
 
     def timed(*arguments: Any) -> Any:
         began = time.perf_counter()

@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pfcli import align
 from pfcli.core.geometry import between, compose
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.grid.scan_points import points_of
 from pfcli.core.resample import systematic
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.dead_reckoning import Drive
+from pfcli.dropped import Loss
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
-from pfcli.loss import Loss
-from pfcli.replay import Log
+from pfcli.replay import align
+from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.log import Log
 
 SIGMA_M, Z_RAND, BEAMS = 0.1, 0.05, 60
 
@@ -28,7 +29,7 @@ SIGMA_M, Z_RAND, BEAMS = 0.1, 0.05, 60
 class PlainMcl:
     """Odometry motion, likelihood field, systematic resampling; no recovery, no idea of an outside."""
 
-    def __init__(self, grid: map_yaml.GridMap, poses: NDArray[np.float64], seed: int) -> None:
+    def __init__(self, grid: GridMap, poses: NDArray[np.float64], seed: int) -> None:
         self.grid = grid
         self.poses = poses
         self.log_w = np.zeros(len(poses))
@@ -88,7 +89,7 @@ class AugmentedMcl(PlainMcl):
         self.poses[anew] = anywhere(self.grid, int(anew.sum()), self._rng)
 
 
-def anywhere(grid: map_yaml.GridMap, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def anywhere(grid: GridMap, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Poses (n, 3) on free cells."""
     rows, cols = np.nonzero(grid.cells == 0)
     k = rng.integers(rows.size, size=n)

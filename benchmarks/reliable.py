@@ -17,18 +17,19 @@ import numpy as np
 import plain_mcl
 import worlds
 
-from pfcli import align, run
+from pfcli.core.evaluation.se2 import wrap
 from pfcli.core.sensor import class_conditional
-from pfcli.dead_reckoning import Drive
+from pfcli.dropped import Loss
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
-from pfcli.loss import Loss
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Log
-from pfcli.report.metrics import wrap
-from pfcli.simulate import scenario
-from pfcli.systems.localize_reliable import assets
+from pfcli.replay import align
+from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.log import Log
+from pfcli.runs import loop
+from pfcli.simulation import scenario
+from pfcli.systems.localize_reliable import map_models
 
 SYSTEM = system("localize-reliable")
 CLUTTER = ("reliable-20", "reliable-40", "reliable-60")
@@ -79,8 +80,8 @@ class Judged(Poses):
 
     def __init__(self, log: Path, map_file: Path, seed: int, initial: Initial, **params: Any) -> None:
         began = time.perf_counter()
-        job = run.Job(SYSTEM, build(SYSTEM.params, params, "b"), [log], seed, map=map_file, initial=initial)
-        done = run.execute(job)
+        job = loop.Job(SYSTEM, build(SYSTEM.params, params, "b"), [log], seed, map=map_file, initial=initial)
+        done = loop.execute(job)
         self.seconds = time.perf_counter() - began
         rows = parquet.columns_of(done.infos, SYSTEM.info)
         at = done.result.track.columns["update"]
@@ -157,8 +158,8 @@ def classes(log: Path, judged: Judged) -> np.ndarray:
         k = index.get(sweep.stamp_ns)
         if k is None or not judged.good[k]:
             continue
-        scan, _ = assets.scan_of(sweep, params)
-        model = assets.model_of(params, 30.0)
+        scan, _ = map_models.scan_of(sweep, params)
+        model = map_models.model_of(params, 30.0)
         called = class_conditional.classes(judged.pose[k], scan, field, model).p_unknown >= params.unknown_threshold
         really = class_conditional.classes(judged.truth[k], scan, field, model).away_m > 0.2
         counts += [np.sum(called & really), np.sum(called & ~really), np.sum(~called & really)]

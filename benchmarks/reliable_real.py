@@ -14,27 +14,27 @@ import numpy as np
 import worlds
 from scipy import ndimage
 
-from pfcli import run
+from pfcli.core.evaluation.se2 import wrap
 from pfcli.core.geometry import between, compose
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.events import Odometry, Pose2
 from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
-from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Log
-from pfcli.report.metrics import wrap
+from pfcli.replay.log import Log
+from pfcli.runs import loop
 
 SYSTEM = system("localize-reliable")
 WEAN_END = np.array([39.78, 39.81, -0.03])
 CUT_S, GONE_S = 600.0, 60.0
 
 
-def localise(log: Path, map_file: Path, seed: int) -> run.Run:
+def localise(log: Path, map_file: Path, seed: int) -> loop.Run:
     """One run from an unknown start."""
     params = build(SYSTEM.params, {}, "b")
-    return run.execute(run.Job(SYSTEM, params, [log], seed, map=map_file, initial=Initial("inside")))
+    return loop.execute(loop.Job(SYSTEM, params, [log], seed, map=map_file, initial=Initial("inside")))
 
 
 def wean(number: int, seeds: int) -> None:
@@ -114,7 +114,7 @@ def intel(seeds: int) -> None:
                     )
 
 
-def _judged(full: run.Run, log: Path, map_file: Path, seed: int, cut: bool) -> str:
+def _judged(full: loop.Run, log: Path, map_file: Path, seed: int, cut: bool) -> str:
     done = localise(log, map_file, seed)
     t = np.array([i.t_ns for i in done.infos])
     pose = done.result.track.poses[np.searchsorted(done.result.track.stamps_ns, t)]

@@ -22,47 +22,47 @@ from typing import Any
 
 import numpy as np
 
-from pfcli import run
 from pfcli.core.geometry import compose
 from pfcli.core.sensor import field_lines
 from pfcli.core.threads import set_threads
 from pfcli.core.weights import normalize
-from pfcli.dead_reckoning import Drive
 from pfcli.events import Heading, Sighting
 from pfcli.initial import Initial
 from pfcli.registry import system
+from pfcli.replay.dead_reckoning import Drive
 from pfcli.rng import Draw, Purpose, rng_for
-from pfcli.simulate import soccer
-from pfcli.systems.fuse_soccer.assets import View
+from pfcli.runs import loop
+from pfcli.simulation import soccer_world
+from pfcli.systems.fuse_soccer.field_assets import View
 from pfcli.systems.fuse_soccer.params import Params
-from pfcli.systems.fuse_soccer.weigh import of_lines
+from pfcli.systems.fuse_soccer.sighting_likelihood import of_lines
 
 FUSE = system("fuse-soccer")
 DRIVE = Drive(
     "omni",
-    soccer.JOINTS,
-    (soccer.WHEEL_RADIUS_M,),
-    arm_m=soccer.WHEEL_ARM_M,
-    angle_deg=(soccer.WHEEL_ANGLE_DEG,),
+    soccer_world.JOINTS,
+    (soccer_world.WHEEL_RADIUS_M,),
+    arm_m=soccer_world.WHEEL_ARM_M,
+    angle_deg=(soccer_world.WHEEL_ANGLE_DEG,),
 )
 CYCLE_NS, MOST = 40_000_000, 60
 NEAR_M, NEAR_RAD, MASS = 0.5, math.radians(15.0), 0.8
 
 
-def replayed(scenario: soccer.Soccer, seed: int, params: Params, initial: Initial) -> run.Run:
+def replayed(scenario: soccer_world.Soccer, seed: int, params: Params, initial: Initial) -> loop.Run:
     """One simulated log through the whole command."""
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
-        soccer.write(scenario, seed, log)
-        return run.execute(run.Job(FUSE, params, [log], seed, drive=DRIVE, truth="auto", threads=1, initial=initial))
+        soccer_world.write(scenario, seed, log)
+        return loop.execute(loop.Job(FUSE, params, [log], seed, drive=DRIVE, truth="auto", threads=1, initial=initial))
 
 
 def errors(name: str, seed: int, given: dict[str, Any], at_pose: bool) -> tuple[float, float, float]:
     """Mean and maximum error (m) and heading RMSE (deg) of a run."""
-    scenario = soccer.SCENARIOS[name]
+    scenario = soccer_world.SCENARIOS[name]
     initial = Initial()
     if at_pose:
-        first = next(soccer.play(scenario, seed)).truth
+        first = next(soccer_world.play(scenario, seed)).truth
         initial = Initial("pose", (float(first[0]), float(first[1]), float(first[2])), (0.1, 0.1, 0.05))
     found = replayed(scenario, seed, Params(**given), initial).errors
     assert found is not None
@@ -81,7 +81,7 @@ def spread(pool: ProcessPoolExecutor, name: str, seeds: int, given: dict[str, An
 def routes(seeds: int) -> None:
     """Every scenario with the defaults, start unknown."""
     with ProcessPoolExecutor(2) as pool:
-        for name in soccer.SCENARIOS:
+        for name in soccer_world.SCENARIOS:
             if name != "soccer-kidnap":
                 e = spread(pool, name, seeds, {}, False)
                 print(
@@ -119,9 +119,9 @@ def baseline(seeds: int) -> None:
     """The pose from two detected landmarks beside the filter's, each frame on its own."""
     found, missing = [], 0
     for seed in range(seeds):
-        scenario = soccer.SCENARIOS["soccer-landmarks"]
+        scenario = soccer_world.SCENARIOS["soccer-landmarks"]
         ran = replayed(scenario, seed, Params(), Initial())
-        truth = [now.truth for now in soccer.play(scenario, seed) if now.points_m is not None]
+        truth = [now.truth for now in soccer_world.play(scenario, seed) if now.points_m is not None]
         two = np.array([(i.two_x_m, i.two_y_m) for i in ran.infos])
         off = np.hypot(*(two - np.array(truth)[-len(two) :, :2]).T)
         missing += int(np.isnan(off).sum())
@@ -137,8 +137,8 @@ def cycles(seed: int, trial: int, carried: bool) -> Iterator[tuple[Sighting, np.
     """A drive from anywhere in any direction, in 40 ms cycles with the noise of eqs (10) and (11); carried: to elsewhere after
     one second."""
     rng = rng_for(seed, Purpose.SIMULATE, trial)
-    scenario = soccer.SCENARIOS["soccer-route-1"]
-    vision = soccer.Vision(scenario, rng)
+    scenario = soccer_world.SCENARIOS["soccer-route-1"]
+    vision = soccer_world.Vision(scenario, rng)
     odometry = np.zeros((1, 3))
 
     def anywhere() -> tuple[np.ndarray, np.ndarray]:
@@ -170,7 +170,7 @@ def localised(trials: range, carried: bool) -> list[int]:
     """Cycle at which each trial has converged; 0: never."""
     set_threads(1)
     params = Params()
-    assets = FUSE.load(params, run.Job(FUSE, params, []))
+    assets = FUSE.load(params, loop.Job(FUSE, params, []))
     return [_converged(trial, carried, params, assets) for trial in trials]
 
 
@@ -217,7 +217,7 @@ def speed() -> None:
     """One update of 500 particles with 100 points; the same evidence by table and without."""
     set_threads(1)
     params = Params()
-    assets = FUSE.load(params, run.Job(FUSE, params, []))
+    assets = FUSE.load(params, loop.Job(FUSE, params, []))
     began = time.perf_counter()
     field_lines.build(assets.field.lines)
     print(f"table of the field: {time.perf_counter() - began:.3f} s")

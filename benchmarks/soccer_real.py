@@ -15,22 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
-from pfcli import run
-from pfcli.commands.calibrate_omni import rolled_of_log
+from pfcli.cli.commands.calibrate_omni import rolled_of_log
 from pfcli.core.geometry import between, compose
-from pfcli.dead_reckoning import Drive
+from pfcli.dropped import Loss
 from pfcli.events import Heading, LinePoints, Sighting, Ticks, Truth
-from pfcli.formats import lineframes, rosbag, ticklogs
+from pfcli.formats import line_frames, rosbag, tick_logs
 from pfcli.formats.log_writer import LogWriter
-from pfcli.loss import Loss
 from pfcli.registry import system
-from pfcli.replay import Log, Settings
+from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.log import Log, Settings
 from pfcli.rng import Draw, Purpose, rng_for
-from pfcli.simulate import soccer
-from pfcli.systems.fuse_soccer import calibration, start
-from pfcli.systems.fuse_soccer.assets import view_of
+from pfcli.runs import loop
+from pfcli.simulation import soccer_world
+from pfcli.systems.fuse_soccer import base_calibration, start_on_field
+from pfcli.systems.fuse_soccer.field_assets import view_of
 from pfcli.systems.fuse_soccer.params import Params
-from pfcli.systems.fuse_soccer.weigh import of_lines, turned
+from pfcli.systems.fuse_soccer.sighting_likelihood import of_lines, turned
 
 DATA = Path(os.environ.get("PFCLI_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 FUSE = system("fuse-soccer")
@@ -53,12 +53,12 @@ def frames() -> None:
         lab = Path(folder) / "lab.yaml"
         lab.write_text(LAB)
         falcons = next((DATA / "soccer-lines/falcons_r5").glob("test3*.json"))
-        frame = lineframes.falcons(falcons)
+        frame = line_frames.falcons(falcons)
         known = next(np.array(e[1:4]) for e in frame.events if isinstance(e, Truth))
         _frame("Falcons", "msl-18x12", frame, known)
         for name, field in (("myo", "msl-18x12"), ("foxy", str(lab)), ("mops", str(lab))):
             place = DATA / "soccer-lines/carpe_noctem" / name
-            frame = lineframes.carpe_noctem(place / "LinePoints.txt")
+            frame = line_frames.carpe_noctem(place / "LinePoints.txt")
             # their field as the robot saw it: its own pose, found on 900 points without noise
             matched = np.loadtxt(place / "MatchedLined0.txt") * 1e-3
             known = _best(field, Sighting(0, (0.0, 0.0, 0.0), matched, ()), 100.0)
@@ -67,20 +67,20 @@ def frames() -> None:
 
 def _best(field: str, sighting: Sighting, range_m: float = 9.0) -> np.ndarray:
     params = Params(field=field, max_range_m=range_m, points=1000)
-    assets = FUSE.load(params, run.Job(FUSE, params, []))
-    found = start.peaks(view_of(sighting, assets, params), None, assets, params, np.random.default_rng(0))
+    assets = FUSE.load(params, loop.Job(FUSE, params, []))
+    found = start_on_field.peaks(view_of(sighting, assets, params), None, assets, params, np.random.default_rng(0))
     return np.asarray(found.mean[int(np.argmax(found.weight))])
 
 
 def _fit(field: str, points: np.ndarray, pose: np.ndarray) -> float:
     """Evidence of a frame at a pose as a share of the best that its points could have."""
     params = Params(field=field, max_range_m=9.0)
-    assets = FUSE.load(params, run.Job(FUSE, params, []))
+    assets = FUSE.load(params, loop.Job(FUSE, params, []))
     view = view_of(Sighting(0, (0.0, 0.0, 0.0), points, ()), assets, params)
     return float(of_lines(pose[None], view, assets, params)[0] / view.best)
 
 
-def _frame(name: str, field: str, frame: lineframes.Frame, known: np.ndarray) -> None:
+def _frame(name: str, field: str, frame: line_frames.Frame, known: np.ndarray) -> None:
     points = next(e.points_m for e in frame.events if isinstance(e, LinePoints))
     heading = next((e for e in frame.events if isinstance(e, Heading)), None)
     share = [_fit(field, points, pose) for pose in (known, _best(field, Sighting(0, (0.0, 0.0, 0.0), points, ())))]
@@ -92,7 +92,7 @@ def _frame(name: str, field: str, frame: lineframes.Frame, known: np.ndarray) ->
         found = []
         for seed in range(10):
             params = Params(field=field, max_range_m=9.0)
-            assets = FUSE.load(params, run.Job(FUSE, params, []))
+            assets = FUSE.load(params, loop.Job(FUSE, params, []))
             sighting, draw = Sighting(1, (0.0, 0.0, 0.0), points, (), compass), Draw(seed)
             state, _ = FUSE.step(FUSE.init(params, assets, sighting, draw), sighting, assets, params, draw)
             found.append((state.pose, state.mirror_p[-1]))
@@ -127,7 +127,7 @@ def wheels() -> None:
         ]
         tested = []
         for k in (0, 1):
-            fit = calibration.fit_wheels([halves[k]], POLIMI)
+            fit = base_calibration.fit_wheels([halves[k]], POLIMI)
             tested.append(_tell(f"PoliMi, half {k + 1}", fit, POLIMI, [halves[1 - k]])[0])
         print(f"PoliMi, mean of both ways: {np.mean(tested):.3f} m")
         for kind, drive in (("omni3", OMNI3), ("omni4", OMNI4)):
@@ -135,7 +135,7 @@ def wheels() -> None:
                 rolled_of_log(_mcap(path, folder), drive, Loss())
                 for path in sorted((DATA / "optiodom" / kind).glob("*_run-*.csv"))
             ]
-            fit = calibration.fit_wheels(runs[:1], drive)
+            fit = base_calibration.fit_wheels(runs[:1], drive)
             _tell(f"{kind}, run 1", fit, drive, runs[1:])
 
 
@@ -143,14 +143,14 @@ def _mcap(source: Path, folder: Path) -> Log:
     """A log of ticks and truth."""
     target = folder / f"{source.stem}.mcap"
     with LogWriter(target) as out:
-        for event in ticklogs.optiodom(source).events:
+        for event in tick_logs.optiodom(source).events:
             out.event(event)
     return Log(target)
 
 
-def _tell(name: str, fit: calibration.Fit, nominal: Drive, tests: list[calibration.Rolled]) -> list[float]:
-    before = calibration.Fit(nominal, (0.0, 0.0, 0.0))
-    errors = [(calibration.error_m(t, before)[0], calibration.error_m(t, fit)[0]) for t in tests]
+def _tell(name: str, fit: base_calibration.Fit, nominal: Drive, tests: list[base_calibration.Rolled]) -> list[float]:
+    before = base_calibration.Fit(nominal, (0.0, 0.0, 0.0))
+    errors = [(base_calibration.error_m(t, before)[0], base_calibration.error_m(t, fit)[0]) for t in tests]
     ratio = np.array(fit.drive.radius_m) / np.broadcast_to(np.array(nominal.radius_m), len(fit.drive.radius_m))
     print(
         f"{name}: tested on {len(tests)}: {', '.join(f'{b:.3f} -> {a:.3f} m' for b, a in errors)};"
@@ -184,7 +184,9 @@ def match(seeds: int) -> None:
 def _played(log: Log, drive: Drive, seed: int, folder: Path) -> tuple[float, float, float]:
     """One drive from another place on the field, ten frames a second."""
     rng = rng_for(seed, Purpose.SIMULATE, 0)
-    vision = soccer.Vision(soccer.SCENARIOS["soccer-route-1"]._replace(false_share=0.1, point_noise=0.0), rng)
+    vision = soccer_world.Vision(
+        soccer_world.SCENARIOS["soccer-route-1"]._replace(false_share=0.1, point_noise=0.0), rng
+    )
     place = np.array([[*rng.uniform((-5.0, -3.0), (5.0, 3.0)), rng.uniform(-math.pi, math.pi)]])
     start_pose, due, target = None, 0, folder / "match.mcap"
     at, sigma = zip(*RANGE_RMS, strict=True)
@@ -209,8 +211,8 @@ def _played(log: Log, drive: Drive, seed: int, folder: Path) -> tuple[float, flo
             noisy = points + spread[:, None] * rng.standard_normal(points.shape)
             out.line_points(LinePoints(event.stamp_ns, noisy))
             out.heading(Heading(event.stamp_ns, truth[2] + math.radians(5.0) * rng.standard_normal(), math.nan))
-    job = run.Job(FUSE, Params(), [target], seed, drive=drive._replace(ticks_per_turn=0.0), truth="auto", threads=1)
-    errors = run.execute(job).errors
+    job = loop.Job(FUSE, Params(), [target], seed, drive=drive._replace(ticks_per_turn=0.0), truth="auto", threads=1)
+    errors = loop.execute(job).errors
     assert errors is not None
     rms = math.degrees(float(np.sqrt(np.nanmean(errors.yaw_rad**2))))
     return float(np.nanmean(errors.position_m)), float(np.nanmax(errors.position_m)), rms

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import worlds
 
-from pfcli.replay import Log
+from pfcli.replay.log import Log
 
-CLI = [sys.executable, "-c", "from pfcli.cli import run; run()"]
+CLI = [sys.executable, "-c", "from pfcli.cli.app import run; run()"]
 
 
 def timed(*words: str, env: dict[str, str] | None = None) -> tuple[float, float]:

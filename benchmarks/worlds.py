@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfcli import run
+from pfcli.core.evaluation import map_quality, relation_error, se2, spread, track_error
 from pfcli.core.jit import cache_root
 from pfcli.events import Pose2
 from pfcli.formats import carmen, map_yaml, relations
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.report import metrics
+from pfcli.runs import loop
 
 DATA = Path(os.environ.get("PFCLI_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 LOGS = cache_root() / "benchmark-logs"
@@ -26,7 +26,7 @@ CSAIL_ATE_M = 0.3
 
 def pfcli(*words: str) -> None:
     """Run the command line of this interpreter's pfcli."""
-    command = [sys.executable, "-c", "from pfcli.cli import run; run()", *words]
+    command = [sys.executable, "-c", "from pfcli.cli.app import run; run()", *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 3):
         sys.exit(f"pfcli {' '.join(words)}: {done.stderr}")
@@ -51,11 +51,11 @@ def recorded(name: str) -> Path:
     return path
 
 
-def slam(log: Path, seed: int, truth: bool = False, **params: object) -> run.Run:
+def slam(log: Path, seed: int, truth: bool = False, **params: object) -> loop.Run:
     """One run of slam-gdr."""
     slam_gdr = system("slam-gdr")
-    job = run.Job(slam_gdr, build(slam_gdr.params, params, "benchmark"), [log], seed, truth="auto" if truth else None)
-    return run.execute(job)
+    job = loop.Job(slam_gdr, build(slam_gdr.params, params, "benchmark"), [log], seed, truth="auto" if truth else None)
+    return loop.execute(job)
 
 
 class Verdict(NamedTuple):
@@ -67,21 +67,21 @@ class Verdict(NamedTuple):
     ate_m: float
 
 
-def judge_simulated(log: Path, done: run.Run) -> Verdict:
+def judge_simulated(log: Path, done: loop.Run) -> Verdict:
     """Against the true map, aligned by the true track."""
     assert done.result.grid is not None
     assert done.errors is not None
-    from pfcli.replay import Log
+    from pfcli.replay.log import Log
 
     truth = list(Log(log).events(["truth"]))
     stamps, poses = np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
     track = done.result.track
-    there = metrics.interpolate(track.stamps_ns, stamps, poses)
+    there = track_error.interpolate(track.stamps_ns, stamps, poses)
     known = np.isfinite(there[:, 0])
-    moved = Pose2(*metrics.align_se2(track.poses[known], there[known]).tolist())
+    moved = Pose2(*track_error.align_se2(track.poses[known], there[known]).tolist())
     true_map = map_yaml.read(log.with_suffix(".yaml"))
-    iou = metrics.map_iou(done.result.grid, true_map, moved).iou
-    doubled = metrics.doubled_walls(done.result.grid) - metrics.doubled_walls(true_map)
+    iou = map_quality.map_iou(done.result.grid, true_map, moved).iou
+    doubled = map_quality.doubled_walls(done.result.grid) - map_quality.doubled_walls(true_map)
     return Verdict(iou >= MIN_IOU and doubled <= MAX_DOUBLED, iou, doubled, done.errors.summary()["ate_m"])
 
 
@@ -92,7 +92,7 @@ def csail_reference() -> dict[str, tuple[float, float, float]]:
     return {r.stamp: r.odometry for r in records if r.ranges_m is not None}
 
 
-def csail_ate(done: run.Run) -> float:
+def csail_ate(done: loop.Run) -> float:
     """ATE against the GMapping log after SE(2) alignment (m)."""
     reference = csail_reference()
     index = {text: k for k, text in enumerate(done.result.track.columns["source_stamp"])}
@@ -100,14 +100,14 @@ def csail_ate(done: run.Run) -> float:
     return ate(done.result.track.poses[[index[k] for k in keys]], np.array([reference[k] for k in keys]))
 
 
-def csail_doubled(done: run.Run) -> tuple[float, float]:
+def csail_doubled(done: loop.Run) -> tuple[float, float]:
     """Doubled-wall scores of two maps drawn alike from the same scans: at our poses, and at those of the GMapping log.
 
     The scans are those at which both have a pose of their own (an update, not odometry in between).
     """
     from pfcli.core.grid import tiles
     from pfcli.core.grid.scan_points import beams_of, points_of
-    from pfcli.systems.grids import grid_of
+    from pfcli.systems.shared.tile_map import grid_of
 
     track = done.result.track
     updates = track.columns["update"]
@@ -121,7 +121,7 @@ def csail_doubled(done: run.Run) -> tuple[float, float]:
             assert r.ranges_m is not None
             points = points_of(r.ranges_m, r.angles, (0.0, 81.0), r.mount, 1, 0.0, 0.05)
             maps = tiles.draw(maps, np.array([poses[r.stamp]]), np.ones(1, bool), beams_of(points, r.mount))
-        scores.append(metrics.doubled_walls(grid_of(maps, 0)))
+        scores.append(map_quality.doubled_walls(grid_of(maps, 0)))
     return scores[0], scores[1]
 
 
@@ -136,27 +136,27 @@ def csail_other() -> dict[int, tuple[float, float, float]]:
 
 def ate(mine: np.ndarray, theirs: np.ndarray) -> float:
     """RMSE of the positions after SE(2) alignment (m)."""
-    moved = metrics.compose(metrics.align_se2(mine, theirs)[None], mine)
+    moved = se2.compose(track_error.align_se2(mine, theirs)[None], mine)
     return float(np.sqrt(((moved - theirs)[:, :2] ** 2).sum(axis=1).mean()))
 
 
-def csail_ate_other(done: run.Run) -> float:
+def csail_ate_other(done: loop.Run) -> float:
     """ATE against the other track."""
     other = {k: p for k, p in csail_other().items() if k < len(done.result.track.poses)}
     return ate(done.result.track.poses[list(other)], np.array(list(other.values())))
 
 
-def relation_spread(name: str, done: run.Run) -> dict[str, metrics.Spread]:
+def relation_spread(name: str, done: loop.Run) -> dict[str, spread.Spread]:
     """Relations of intel or aces: all, and those >= 100 scans apart."""
     track = done.result.track
-    errors = metrics.relation_errors(
+    errors = relation_error.relation_errors(
         relations.read(DATA / name / f"{name}.relations"), track.columns["source_stamp"], track.poses
     )
-    far = errors.scans_apart >= metrics.FAR_SCANS
+    far = errors.scans_apart >= relation_error.FAR_SCANS
     return {
-        "all": metrics.spread(errors.translation_m),
-        "rotation": metrics.spread(np.degrees(errors.rotation_rad)),
-        "far": metrics.spread(errors.translation_m[far]),
+        "all": spread.spread(errors.translation_m),
+        "rotation": spread.spread(np.degrees(errors.rotation_rad)),
+        "far": spread.spread(errors.translation_m[far]),
     }
 
 

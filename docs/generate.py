@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from pfcli.cli import main
+from pfcli.cli.app import main
 
 TARGET = Path(__file__).with_name("cli.md")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from pfcli import __version__
-from pfcli.cli import main
+from pfcli.cli.app import main
 
 EXITS = ("0 done", "1 failed", "2 usage", "3 done, but part of the input was lost", "130 interrupted")
 

@@ -6,23 +6,23 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from pfcli import plausible
 from pfcli.errors import PfcliError
 from pfcli.formats import (
     carmen,
     field_yaml,
     landmark_csv,
-    landmarklogs,
-    lineframes,
+    landmark_logs,
+    line_frames,
     map_yaml,
     messages,
     relations,
     rosbag,
-    ticklogs,
+    tick_logs,
     tum,
 )
-from pfcli.limits import Limits
-from pfcli.replay import Log, Settings
+from pfcli.formats.limits import Limits
+from pfcli.replay import plausible
+from pfcli.replay.log import Log, Settings
 
 LIMITS = Limits(chunk_mib=4, buffer_mib=16)
 CDR = [(role, kind) for role, kinds in messages.ROLES.items() for kind in kinds if not kind.startswith("pfcli.")]
@@ -104,18 +104,18 @@ def ticks(data: bytes) -> None:
     """Logs of wheel ticks; the first byte chooses which."""
     kind, body = data[:1], data[1:]
     if kind == b"t":
-        ticklogs.tinyslam(_file("x.dat", body))
+        tick_logs.tinyslam(_file("x.dat", body))
     elif kind == b"c":
-        ticklogs.tricycle(_file("x.txt", body))
+        tick_logs.tricycle(_file("x.txt", body))
     elif kind == b"o":
         meta, _, run = body.partition(b"\f")
         _file("o_metadata.csv", meta)
-        ticklogs.optiodom(_file("o_run-01.csv", run))
+        tick_logs.optiodom(_file("o_run-01.csv", run))
     else:
         motors, _, scans = body.partition(b"\f")
         _file("robot_motors.txt", motors)
         _file("robot_scan.txt", scans)
-        ticklogs.lego(_folder())
+        tick_logs.lego(_folder())
 
 
 def landmarks(data: bytes) -> None:
@@ -123,20 +123,20 @@ def landmarks(data: bytes) -> None:
     kind, parts = data[:1], [*data[1:].split(b"\f"), *[b""] * 5]
     if kind == b"s":
         _file("world.dat", parts[0])
-        landmarklogs.stachniss(_file("sensor_data.dat", parts[1]))
+        landmark_logs.stachniss(_file("sensor_data.dat", parts[1]))
     else:
         names = ("Barcodes", "Landmark_Groundtruth", "Robot1_Odometry", "Robot1_Groundtruth")
         for name, part in zip(names, parts, strict=False):
             _file(f"{name}.dat", part)
-        landmarklogs.mrclam(_file("Robot1_Measurement.dat", parts[4]))
+        landmark_logs.mrclam(_file("Robot1_Measurement.dat", parts[4]))
 
 
 def frames(data: bytes) -> None:
     """Frames of field lines; the first byte chooses which."""
     if data[:1] == b"f":
-        lineframes.falcons(_file("x.json", data[1:]))
+        line_frames.falcons(_file("x.json", data[1:]))
     else:
-        lineframes.carpe_noctem(_file("x_LinePoints.txt", data[1:]))
+        line_frames.carpe_noctem(_file("x_LinePoints.txt", data[1:]))
 
 
 def tables(data: bytes) -> None:

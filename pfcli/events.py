@@ -6,6 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def stamp_text(stamp_ns: int) -> str:
+    """A stamp as text, `seconds.nanoseconds`, exact."""
+    seconds, rest = divmod(stamp_ns, 1_000_000_000)
+    return f"{seconds}.{rest:09d}"
+
+
 class Pose2(NamedTuple):
     """A pose in the plane (m, m, rad); as a mount: the sensor seen from base_link."""
 

@@ -36,7 +36,7 @@ def pfcli() -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run the command line in a real subprocess."""
 
     def run(*words: object, **kwargs: object) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-c", "from pfcli.cli import run; run()", *map(str, words)]
+        command = [sys.executable, "-c", "from pfcli.cli.app import run; run()", *map(str, words)]
         return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, **kwargs)  # type: ignore[call-overload, no-any-return]
 
     return run

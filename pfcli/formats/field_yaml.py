@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.sensor.field_lines import CELL_M, STEP_M, Lines, Table, build
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Pose2
 from pfcli.formats import text_files
-from pfcli.formats.map_yaml import GridMap
 
 SHIPPED = Path(__file__).resolve().parents[1] / "fields"
 _NUMBERS = ("length", "width", "line_width", "centre_circle", "corner_arc", "penalty_spot", "goal_width")

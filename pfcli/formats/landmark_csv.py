@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pfcli.errors import LogError, reason
 from pfcli.formats import text_files
-from pfcli.outputs import output_file
+from pfcli.formats.atomic import output_file
 
 
 def read(path: Path) -> dict[str, tuple[float, float]]:

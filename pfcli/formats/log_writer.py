@@ -11,8 +11,8 @@ from typing import Any, Self
 import numpy as np
 
 from pfcli.events import Heading, Landmarks, LinePoints, Odometry, Pose2, Scan, Ticks, Truth, Twist
+from pfcli.formats.atomic import output_file
 from pfcli.formats.schemas import json_schema, ros2msg, typestore
-from pfcli.outputs import output_file
 
 _HEAD = b"\x00\x01\x00\x00"
 _SECOND = 1_000_000_000

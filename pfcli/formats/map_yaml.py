@@ -3,27 +3,20 @@
 import hashlib
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError, printable, reason
 from pfcli.events import Pose2
 from pfcli.formats import text_files
-from pfcli.limits import DEFAULTS
+from pfcli.formats.limits import DEFAULTS
 
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
 Image.MAX_IMAGE_PIXELS = None  # the limit here is an error with a name instead of a warning
-
-
-class GridMap(NamedTuple):
-    """cells: int8 (rows, cols), row 0 at the bottom: 0 free, 1 occupied, -1 unknown; origin: pose of the lower left corner."""
-
-    cells: NDArray[np.int8]
-    resolution_m: float
-    origin: Pose2
 
 
 def write(folder: Path, grid: GridMap, name: str = "map") -> None:

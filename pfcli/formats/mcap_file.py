@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from pfcli.errors import LogError, printable, reason
 from pfcli.formats import mcap_records as records
+from pfcli.formats.limits import DEFAULTS
 from pfcli.formats.mcap_chunks import Chunk, open_chunk, salvage
 from pfcli.formats.mcap_records import MAGIC, Channel, Records, Walk
-from pfcli.limits import DEFAULTS
 
 _PAGES = 1 << 24
 

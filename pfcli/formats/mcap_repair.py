@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from pfcli.errors import LogError, printable
 from pfcli.formats import mcap_records
+from pfcli.formats.limits import DEFAULTS
 from pfcli.formats.log_writer import mcap_writer
 from pfcli.formats.mcap_file import McapFile
 from pfcli.formats.mcap_records import Channel
-from pfcli.limits import DEFAULTS
 
 _MOST_CHANNELS = 65535
 

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pfcli.errors import LogError, reason
-from pfcli.outputs import output_file
+from pfcli.formats.atomic import output_file
 
 _UNITS = (
     ("_ns", "ns"),

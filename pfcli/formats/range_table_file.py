@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.jit import cache_root, kernel
 from pfcli.core.sensor import range_table
 from pfcli.core.sensor.range_table import RangeTable
 from pfcli.core.threads import spread
 from pfcli.errors import OutputError, reason
 from pfcli.formats import map_yaml
-from pfcli.formats.map_yaml import GridMap
-from pfcli.outputs import check_file, output_file
+from pfcli.formats.atomic import check_file, output_file
 
 _MAGIC = b"pfcli range table 1\n"
 _HEAD = 4096

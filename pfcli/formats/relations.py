@@ -2,20 +2,10 @@
 
 import math
 from pathlib import Path
-from typing import NamedTuple
 
+from pfcli.core.evaluation.relation_error import Relation
 from pfcli.errors import LogError
 from pfcli.formats import text_files
-
-
-class Relation(NamedTuple):
-    """The pose of stamp `second` seen from the pose of stamp `first` (m, m, rad)."""
-
-    first: str
-    second: str
-    x_m: float
-    y_m: float
-    yaw_rad: float
 
 
 def read(path: Path) -> list[Relation]:

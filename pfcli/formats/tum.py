@@ -7,16 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.errors import LogError
+from pfcli.events import stamp_text
 from pfcli.formats import text_files
 
 _SECOND = 1_000_000_000
 _LATEST_NS = 1 << 62
-
-
-def stamp_text(stamp_ns: int) -> str:
-    """`seconds.nanoseconds`, exact."""
-    seconds, rest = divmod(stamp_ns, _SECOND)
-    return f"{seconds}.{rest:09d}"
 
 
 def stamp_ns(text: str) -> int:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats.log_writer import LogWriter
 
@@ -291,7 +292,7 @@ def test_an_interrupted_run_leaves_nothing(how: signal.Signals, sample: Sample, 
     words = [
         sys.executable,
         "-c",
-        "from pfcli.cli import run; run()",
+        "from pfcli.cli.app import run; run()",
         "slam-gdr",
         str(sample("small-loop")),
         "--particles",
@@ -322,11 +323,11 @@ def test_help_is_quick(pfcli: Cli) -> None:
         return min(times)
 
     bare = best(sys.executable, "-c", "import click")
-    assert best(sys.executable, "-c", "from pfcli.cli import run; run()", "--help") < bare + 0.1
+    assert best(sys.executable, "-c", "from pfcli.cli.app import run; run()", "--help") < bare + 0.1
 
 
 def test_pipes_carry_json_only(sample: Sample) -> None:
-    pfcli = f"{sys.executable} -c 'from pfcli.cli import run; run()'"
+    pfcli = f"{sys.executable} -c 'from pfcli.cli.app import run; run()'"
     reader = f"{sys.executable} -c 'import json, sys; print(json.load(sys.stdin)[\"messages\"])'"
     words = f"{pfcli} info --json {sample('small-loop')} | {reader}"
     done = subprocess.run(["sh", "-c", words], capture_output=True, text=True, check=True)
@@ -359,7 +360,7 @@ def _map_file(folder: Path, cells: np.ndarray, resolution: float = 0.05) -> Path
     from pfcli.events import Pose2
     from pfcli.formats import map_yaml
 
-    map_yaml.write(folder, map_yaml.GridMap(cells.astype(np.int8), resolution, Pose2()))
+    map_yaml.write(folder, GridMap(cells.astype(np.int8), resolution, Pose2()))
     return folder / "map.yaml"
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from pfcli.events import Heading, LinePoints, Odometry, Ticks
 from pfcli.formats.log_writer import LogWriter
-from pfcli.simulate import soccer
+from pfcli.simulation import soccer_world
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 Sample = Callable[[str], Path]
@@ -34,7 +34,9 @@ def _one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) 
 
 def _match(path: Path, frames: int = 8, **put: Any) -> Path:
     """A robot that stands still at POSE. put: what each frame writes instead of points in metres and a heading."""
-    vision = soccer.Vision(soccer.SCENARIOS["soccer-route-1"]._replace(point_noise=0.01), np.random.default_rng(0))
+    vision = soccer_world.Vision(
+        soccer_world.SCENARIOS["soccer-route-1"]._replace(point_noise=0.01), np.random.default_rng(0)
+    )
     with LogWriter(path) as log:
         for k in range(frames):
             t = T0 + k * 100_000_000
@@ -111,13 +113,16 @@ def test_a_magnetic_field_decides_the_side_and_one_of_nan_is_counted(pfcli: Cli,
 
 
 def test_frames_before_the_first_encoder_reading_are_counted(pfcli: Cli, tmp_path: Path) -> None:
-    path, vision = tmp_path / "early.mcap", soccer.Vision(soccer.SCENARIOS["soccer-route-1"], np.random.default_rng(0))
+    path, vision = (
+        tmp_path / "early.mcap",
+        soccer_world.Vision(soccer_world.SCENARIOS["soccer-route-1"], np.random.default_rng(0)),
+    )
     with LogWriter(path) as log:
         for k in range(10):
             t = T0 + k * 100_000_000
             log.line_points(LinePoints(t, vision.points(POSE)))
             if k > 3:
-                log.ticks(Ticks(t, soccer.JOINTS, np.zeros(4, np.int64), 8192.0, True))
+                log.ticks(Ticks(t, soccer_world.JOINTS, np.zeros(4, np.int64), 8192.0, True))
     done = pfcli("fuse-soccer", path, *DRIVE, "--out", tmp_path / "a", "--json")
     assert done.returncode == 3
     assert json.loads(done.stdout)["lost"] == {"sighting before odometry": 4}
@@ -161,8 +166,8 @@ def test_a_drive_file_with_an_unknown_field_is_refused(pfcli: Cli, sample: Sampl
 def test_calibration_writes_what_fuse_soccer_reads(pfcli: Cli, tmp_path: Path) -> None:
     """Wheels believed 5 % too small on a drive with little noise; points with the noise of eq. (10)."""
     log = tmp_path / "log.mcap"
-    soccer.write(
-        soccer.SCENARIOS["soccer-route-1"]._replace(shift_noise=0.02, turn_noise=0.02, false_share=0.1), 0, log
+    soccer_world.write(
+        soccer_world.SCENARIOS["soccer-route-1"]._replace(shift_noise=0.02, turn_noise=0.02, false_share=0.1), 0, log
     )
     words = ["--base", "omni", "--wheel-radius-m", "0.057", "--wheel-arm-m", "0.203", "--wheel-angle-deg", "45"]
     done = pfcli("calibrate-omni", log, *words, "--out", tmp_path / "cal", "--json")

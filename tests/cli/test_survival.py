@@ -19,7 +19,7 @@ from pfcli.formats.log_writer import LogWriter
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 Sample = Callable[[str], Path]
-RUN = [sys.executable, "-c", "from pfcli.cli import run; run()"]
+RUN = [sys.executable, "-c", "from pfcli.cli.app import run; run()"]
 KILLS = [1, pytest.param(50, marks=pytest.mark.slow)]
 
 
@@ -87,7 +87,9 @@ def test_killed_at_any_moment_an_output_is_whole_or_not_there(
     assert not list(made.parent.glob(".*.part*")), "what the killed ones left is swept away by the next"
 
 
-_LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)); from pfcli.cli import run; run()"
+_LIMIT = (
+    "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)); from pfcli.cli.app import run; run()"
+)
 """No file may become larger: a write beyond fails as on a full disk."""
 
 
@@ -177,7 +179,7 @@ def test_repair_says_what_is_lost_and_pipes(pfcli: Cli, sample: Sample, tmp_path
 
 def test_an_old_result_survives_a_kill_between_two_renames(tmp_path: Path) -> None:
     """With --force the old folder is moved aside for a moment; whoever comes next puts it back."""
-    from pfcli.outputs import _beside, check
+    from pfcli.formats.atomic import _beside, check
 
     (tmp_path / "o").mkdir()
     (tmp_path / "o/mine.txt").write_text("keep")

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import registry, run
-from pfcli.dead_reckoning import Drive
+from pfcli import registry
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError
 from pfcli.events import Event, Landmarks, LinePoints, Odometry, Pose2, Scan, Truth
 from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.params import build
-from pfcli.replay import Log, Settings
+from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.log import Log, Settings
+from pfcli.runs import loop
 from tests.contracts.test_systems import DRIVES, MAPS, RUNS, SAMPLES
 
 SECONDS = {"slam-gdr-landmarks": 10, "fuse-soccer": 4, "slam-gdr": 15, "localize-lookup": 15, "localize-reliable": 15}
@@ -41,15 +43,17 @@ def _log(name: str, path: Path, change: Callable[[Any], Any] = lambda event: eve
     return path
 
 
-def _run(name: str, log: Path, params: dict[str, Any], grid: Path | None = None, end_s: float | None = None) -> run.Run:
+def _run(
+    name: str, log: Path, params: dict[str, Any], grid: Path | None = None, end_s: float | None = None
+) -> loop.Run:
     system = registry.system(name)
     drive = DRIVES.get(name, Drive(radius_m=(0.1,), track_m=0.33))
     reading = Settings(end_s=end_s)
     built = build(system.params, params, "test")
-    return run.execute(run.Job(system, built, [log], settings=reading, map=grid or MAPS.get(name), drive=drive))
+    return loop.execute(loop.Job(system, built, [log], settings=reading, map=grid or MAPS.get(name), drive=drive))
 
 
-def _sound(done: run.Run) -> None:
+def _sound(done: loop.Run) -> None:
     """Poses are finite or not known at all (a robot that never was in the map), covariances have no negative variance."""
     track = done.result.track
     assert len(track.poses)
@@ -160,5 +164,5 @@ def test_localisers_in_fine_and_coarse_maps(name: str, resolution_m: float, tmp_
         rows, cols = (n // k for n in grid.cells.shape)
         blocks = grid.cells[: rows * k, : cols * k].reshape(rows, k, cols, k)
         cells = np.where((blocks == 1).any((1, 3)), 1, np.where((blocks == 0).any((1, 3)), 0, -1)).astype(np.int8)
-    map_yaml.write(tmp_path, map_yaml.GridMap(cells, resolution_m, grid.origin), "other")
+    map_yaml.write(tmp_path, GridMap(cells, resolution_m, grid.origin), "other")
     _sound(_run(name, _log(name, tmp_path / "x.mcap"), {}, tmp_path / "other.yaml", end_s=4.0))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pfcli import registry
-from pfcli.dead_reckoning import Drive
 from pfcli.params import build, fields, to_toml
+from pfcli.replay.dead_reckoning import Drive
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
@@ -68,11 +68,11 @@ def test_another_seed_gives_another_track(name: str, sample: Callable[[str], Pat
 def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path]) -> None:
     import numba.core.event as events
 
-    from pfcli import run
-    from pfcli.replay import Settings
+    from pfcli.replay.log import Settings
+    from pfcli.runs import loop
 
     system = registry.system(name)
-    job = run.Job(
+    job = loop.Job(
         system,
         build(system.params, {"particles": 5}, "test"),
         [sample(RUNS[name][0])],
@@ -80,9 +80,9 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
         map=MAPS.get(name),
         drive=DRIVES.get(name, Drive(radius_m=(0.1,), track_m=0.33)),
     )
-    first = run.execute(job)
+    first = loop.execute(job)
     with events.install_recorder("numba:compile") as recorder:
-        second = run.execute(job)
+        second = loop.execute(job)
     assert [e for _, e in recorder.buffer if e.is_start] == []
     assert np.array_equal(first.result.track.poses, second.result.track.poses, equal_nan=True)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pfcli.core.motion.calibration import calibrate
 from pfcli.core.motion.odometry import standard_deviations
+from pfcli.core.motion.odometry_calibration import calibrate
 
 WAY, DRIFT, PER_M, TURN = -0.03, 0.015, 0.02, 0.05
 

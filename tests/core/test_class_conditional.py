@@ -104,7 +104,7 @@ def test_classes_of_beams(field: cc.Field) -> None:
 
 
 def test_no_beam_on_the_map_is_no_evidence(field: cc.Field) -> None:
-    from pfcli.systems.localize_reliable.decision import Classifier, log_ratio
+    from pfcli.systems.localize_reliable.success_decision import Classifier, log_ratio
 
     scan = cc.scan_of(np.array([[50.0, 50.0], [60.0, 50.0]]), np.zeros(2))
     fit = cc.fit(np.array([[1.0, 1.0, 0.0]]), scan, field, MODEL)

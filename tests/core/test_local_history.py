@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pfcli.core.grid import local_history as lh
+from pfcli.core.grid import rolling_grid as lh
 
 
 def test_a_wall_is_explained_by_the_last_metres_and_a_passer_by_is_not() -> None:

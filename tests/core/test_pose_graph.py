@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pfcli.core.geometry import between, compose, wrap
-from pfcli.core.pose_graph import Edges, relax
+from pfcli.core.graph.pose_graph import Edges, relax
 
 
 def _edges(pairs: list[tuple[int, int]], measured: NDArray[np.float64], sd: tuple[float, float, float]) -> Edges:

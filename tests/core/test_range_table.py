@@ -132,7 +132,7 @@ def test_the_printed_gaussian_is_minus_half_the_squared_distance_in_sigmas() -> 
 
 
 def test_table_and_rays_agree_on_where_the_robot_is() -> None:
-    from pfcli.simulate.world import WORLDS, rasterize
+    from pfcli.simulation.indoor_world import WORLDS, rasterize
 
     grid = rasterize(WORLDS["four-rooms"](1), 0.05)
     rng = np.random.default_rng(3)
@@ -148,7 +148,7 @@ def test_table_and_rays_agree_on_where_the_robot_is() -> None:
 
 
 def test_looked_up_ranges_are_as_near_to_exact_ones_as_promised() -> None:
-    from pfcli.simulate.world import WORLDS, rasterize
+    from pfcli.simulation.indoor_world import WORLDS, rasterize
 
     grid = rasterize(WORLDS["four-rooms"](1), 0.05)
     table = range_table.build(grid.cells, 0.05, tuple(grid.origin), 360, 30.0)

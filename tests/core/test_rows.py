@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pfcli.core import rows
-from pfcli.info_rows import InfoRows
+from pfcli.runs.info_rows import InfoRows
 
 
 @pytest.mark.parametrize("count", [0, 1, rows._BLOCK - 1, rows._BLOCK, rows._BLOCK + 1, 3 * rows._BLOCK])

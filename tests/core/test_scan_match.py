@@ -9,7 +9,7 @@ from pfcli.core.geometry import compose
 from pfcli.core.grid import coarse_search, scan_match, tiles
 from pfcli.core.grid.normals import scan_normals
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
-from pfcli.simulate.laser import cast
+from pfcli.simulation.laser import cast
 
 WALLS = np.array(
     [

@@ -52,7 +52,7 @@ def test_the_shell_examples_of_batches_run(tmp_path: Path) -> None:
     assert len(blocks) == 3
     if shutil.which("jq") is None:
         pytest.skip("jq is not there")
-    script = f"set -euo pipefail\npfcli() {{ {sys.executable} -c 'from pfcli.cli import run; run()' \"$@\"; }}\nexport -f pfcli\n"
+    script = f'set -euo pipefail\npfcli() {{ {sys.executable} -m pfcli "$@"; }}\nexport -f pfcli\n'
     script += "\n".join(blocks).replace("xargs -P 2 -I {} pfcli", "xargs -P 2 -I {} bash -c 'pfcli \"$@\"' -")
     ran = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr

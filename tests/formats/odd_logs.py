@@ -8,7 +8,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from pfcli.formats.messages import SECOND
 from pfcli.formats.schemas import ros2msg
-from pfcli.replay import Log, Settings
+from pfcli.replay.log import Log, Settings
 
 T0 = 1_700_000_000 * SECOND
 ODOMETRY = "nav_msgs/msg/Odometry"

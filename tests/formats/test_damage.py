@@ -18,11 +18,11 @@ from mcap.writer import CompressionType
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats import carmen, map_yaml, mcap_repair
+from pfcli.formats.limits import Limits
 from pfcli.formats.log_writer import LogWriter
 from pfcli.formats.mcap_file import McapFile
 from pfcli.formats.messages import ROLES
-from pfcli.limits import Limits
-from pfcli.replay import Log, Settings
+from pfcli.replay.log import Log, Settings
 from tests.formats.odd_logs import ODD, T0, numbers, records, write
 
 N = 2000

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError
 from pfcli.events import Pose2
 from pfcli.formats import map_yaml, parquet, relations, tum
@@ -14,7 +15,7 @@ from pfcli.formats import map_yaml, parquet, relations, tum
 
 def test_a_map_survives_writing_and_reading(tmp_path: Path) -> None:
     cells = np.array([[0, 1, -1], [1, 1, 0]], np.int8)
-    map_yaml.write(tmp_path, map_yaml.GridMap(cells, 0.05, Pose2(-1.1, 2.3000000000000003, 0.0)))
+    map_yaml.write(tmp_path, GridMap(cells, 0.05, Pose2(-1.1, 2.3000000000000003, 0.0)))
     back = map_yaml.read(tmp_path / "map.yaml")
     assert (back.cells == cells).all()
     assert back.origin == (-1.1, 2.3000000000000003, 0.0)
@@ -43,7 +44,7 @@ def test_negate_modes_and_png(negate: int, tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_map_names_file_and_field(change: str, says: str, tmp_path: Path) -> None:
-    map_yaml.write(tmp_path, map_yaml.GridMap(np.zeros((2, 2), np.int8), 0.05, Pose2()))
+    map_yaml.write(tmp_path, GridMap(np.zeros((2, 2), np.int8), 0.05, Pose2()))
     lines = (tmp_path / "map.yaml").read_text().splitlines()
     key = change.split(":")[0]
     (tmp_path / "map.yaml").write_text("\n".join(change if line.startswith(key + ":") else line for line in lines))

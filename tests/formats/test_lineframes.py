@@ -8,7 +8,7 @@ import pytest
 
 from pfcli.errors import LogError
 from pfcli.events import Heading, LinePoints, Truth
-from pfcli.formats import lineframes
+from pfcli.formats import line_frames
 
 
 def test_a_frame_of_the_falcons_has_its_pose_along_the_length(tmp_path: Path) -> None:
@@ -17,7 +17,7 @@ def test_a_frame_of_the_falcons_has_its_pose_along_the_length(tmp_path: Path) ->
     path.write_text(
         json.dumps({"Input": {"landmarks": [{"x": 1, "y": 2}]}, "Output": {"candidates": [{"pose": pose}]}})
     )
-    reader = lineframes.reader_of(path)
+    reader = line_frames.reader_of(path)
     assert reader is not None
     events = {type(e): e for e in reader(path).events}
     truth, points = events[Truth], events[LinePoints]
@@ -30,7 +30,7 @@ def test_a_frame_of_the_falcons_has_its_pose_along_the_length(tmp_path: Path) ->
 def test_a_frame_of_carpe_noctem_is_in_millimetres_with_a_heading(tmp_path: Path) -> None:
     path = tmp_path / "LinePoints.txt"
     path.write_text("1000 -500 0.25\n2000 0 0.25\n")
-    events = {type(e): e for e in lineframes.carpe_noctem(path).events}
+    events = {type(e): e for e in line_frames.carpe_noctem(path).events}
     heading, points = events[Heading], events[LinePoints]
     assert isinstance(heading, Heading)
     assert isinstance(points, LinePoints)
@@ -55,7 +55,7 @@ def test_a_frame_of_carpe_noctem_is_in_millimetres_with_a_heading(tmp_path: Path
 def test_what_is_no_frame_is_one_line(name: str, text: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_text(text)
-    reader = lineframes.reader_of(path)
+    reader = line_frames.reader_of(path)
     assert reader is not None
     with pytest.raises(LogError, match=name) as caught:
         reader(path)

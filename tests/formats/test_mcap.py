@@ -16,8 +16,8 @@ from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats.log_writer import LogWriter, header
 from pfcli.formats.messages import ROLES, SECOND
 from pfcli.formats.schemas import json_schema, ros2msg, ros_types, typestore
-from pfcli.replay import Log, Settings
-from pfcli.vision import Image
+from pfcli.replay.log import Log, Settings
+from pfcli.replay.vision import Image
 from tests.formats.odd_logs import ODD, ODOMETRY, T0, numbers, odometry, records, write
 
 CASES = [(role, schema) for role, types in ROLES.items() for schema in types]
@@ -245,9 +245,9 @@ def test_odometry_can_come_from_tf(tmp_path: Path) -> None:
 
 def test_memory_is_bounded_by_the_reorder_horizon(tmp_path: Path) -> None:
     """Buffers of released messages are dropped while the log is read."""
+    from pfcli.dropped import Loss
     from pfcli.formats.mcap_file import McapFile
-    from pfcli.loss import Loss
-    from pfcli.reorder import Reorder, Waiting
+    from pfcli.replay.reorder import Reorder, Waiting
 
     write(tmp_path / "x.mcap", list(range(3000)), chunk_size=5000)
     log = Log(tmp_path / "x.mcap")

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import OutputError
 from pfcli.events import Pose2
 from pfcli.formats import range_table_file
-from pfcli.formats.map_yaml import GridMap
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ print(range_table_file.load(map_yaml.read(Path(sys.argv[1])), 360, 30.0).origin)
 
 def test_two_that_build_at_once_and_one_that_is_killed_leave_a_whole_table(tmp_path: Path) -> None:
     from pfcli.formats import map_yaml
-    from pfcli.simulate.world import WORLDS, rasterize
+    from pfcli.simulation.indoor_world import WORLDS, rasterize
 
     map_yaml.write(tmp_path, rasterize(WORLDS["office"](1), 0.1))
     env = os.environ | {"PFCLI_CACHE_DIR": str(tmp_path / "cache")}

@@ -8,7 +8,7 @@ import pytest
 
 from pfcli.errors import LogError
 from pfcli.events import Scan, Ticks, Truth
-from pfcli.formats import ticklogs
+from pfcli.formats import tick_logs
 
 
 def _line(before: int, ticks: tuple[int, int], at: int) -> str:
@@ -22,7 +22,7 @@ def _line(before: int, ticks: tuple[int, int], at: int) -> str:
 def test_both_layouts_of_tinyslam(before: int, at: int, right: int, tmp_path: Path) -> None:
     path = tmp_path / "x.dat.gz"
     path.write_bytes(gzip.compress((_line(before, (10, 20), at) + "1 2 3\n").encode()))
-    reader = ticklogs.reader_of(path)
+    reader = tick_logs.reader_of(path)
     assert reader is not None
     log = reader(path)
     ticks, scan = log.events
@@ -38,7 +38,7 @@ def test_both_layouts_of_tinyslam(before: int, at: int, right: int, tmp_path: Pa
 def test_the_lego_folder(tmp_path: Path) -> None:
     (tmp_path / "r_motors.txt").write_text("M 20 7 7 0 0 9 9\nM x\n")
     (tmp_path / "r_scan.txt").write_text("S 10 3 500 0 700\nS 30 9 1 2 3\n")
-    reader = ticklogs.reader_of(tmp_path)
+    reader = tick_logs.reader_of(tmp_path)
     assert reader is not None
     log = reader(tmp_path)
     assert [e.stamp_ns for e in log.events] == [10_000_000, 20_000_000]
@@ -53,7 +53,7 @@ def test_the_tricycle_with_its_wrapping_counter(tmp_path: Path) -> None:
         "#kinematic_model: traction_drive_wheel\n#joints_max_enc_values: 8192 5000 \n"
         "time: 5.000000007 ticks: 290 4294967290 model_pose: 0 0 0 tracker_pose: 1 2 0.5\n"
     )
-    reader = ticklogs.reader_of(path)
+    reader = tick_logs.reader_of(path)
     assert reader is not None
     ticks, truth = reader(path).events
     assert isinstance(ticks, Ticks)
@@ -65,9 +65,9 @@ def test_files_without_ticks_are_refused_with_their_name(tmp_path: Path) -> None
     path = tmp_path / "x.dat"
     path.write_text("nothing here\n")
     with pytest.raises(LogError, match=r"x\.dat: holds no line with wheel ticks"):
-        ticklogs.tinyslam(path)
+        tick_logs.tinyslam(path)
     with pytest.raises(LogError, match="_motors"):
-        ticklogs.lego(tmp_path)
+        tick_logs.lego(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_optiodom_with_its_signs_and_units(kind: str, turn: str, ticks: list[int
     more = ",-0" if kind == "omni4" else ""
     path = tmp_path / "7_run-01.csv"
     path.write_text(f"\ufeff0,0,0,0,0,0,0{more}\n0.04,0.1,0.2,0.3,-3,12,1{more}\nx\n")
-    reader = ticklogs.reader_of(path)
+    reader = tick_logs.reader_of(path)
     assert reader is not None
     log = reader(path)
     last, truth = log.events[-2:]
@@ -101,4 +101,4 @@ def test_optiodom_without_what_is_needed_names_the_metadata(tmp_path: Path) -> N
     path = tmp_path / "7_run-01.csv"
     path.write_text("0,0,0,0,0\n")
     with pytest.raises(LogError, match=r"7_metadata\.csv.*omni3"):
-        ticklogs.optiodom(path)
+        tick_logs.optiodom(path)

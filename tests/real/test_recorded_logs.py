@@ -56,7 +56,7 @@ def test_raw_odometry_on_intel_reads_what_is_known(intel: Path, pfcli: Cli, tmp_
     import numpy as np
 
     from pfcli.formats import tum
-    from pfcli.replay import Log
+    from pfcli.replay.log import Log
 
     poses = {e.stamp_ns: e[1:4] for e in Log(intel).events(["odometry"])}
     stamps = [e.stamp_ns for e in Log(intel).events(["scan"])]
@@ -78,11 +78,11 @@ def test_ros1_bags_are_read(pfcli: Cli, tmp_path: Path) -> None:
 
 def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: Cli, tmp_path: Path) -> None:
     """PoliMi's mecanum robot: 0.12-0.18 m of mean error by the nominal radii, at most 0.10 m for the mean of both ways."""
-    from pfcli.commands.calibrate_omni import rolled_of_log
-    from pfcli.dead_reckoning import Drive
-    from pfcli.loss import Loss
-    from pfcli.replay import Log, Settings
-    from pfcli.systems.fuse_soccer import calibration
+    from pfcli.cli.commands.calibrate_omni import rolled_of_log
+    from pfcli.dropped import Loss
+    from pfcli.replay.dead_reckoning import Drive
+    from pfcli.replay.log import Log, Settings
+    from pfcli.systems.fuse_soccer import base_calibration
 
     bag = needs("polimi-mecanum/bag1.bag") / "polimi-mecanum/bag1.bag"
     log = tmp_path / "polimi.mcap"
@@ -94,8 +94,8 @@ def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: C
     ]
     errors = []
     for k in (0, 1):
-        fit = calibration.fit_wheels([halves[k]], drive)
-        errors.append(calibration.error_m(halves[1 - k], fit)[0])
+        fit = base_calibration.fit_wheels([halves[k]], drive)
+        errors.append(base_calibration.error_m(halves[1 - k], fit)[0])
         assert all(0.07 * 0.9 < r < 0.078 * 1.1 for r in fit.drive.radius_m)
     assert sum(errors) / 2 < 0.10
 

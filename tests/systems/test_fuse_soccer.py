@@ -7,46 +7,50 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import run
 from pfcli.core.weights import normalize
-from pfcli.dead_reckoning import Drive
 from pfcli.events import Heading, Landmarks, Sighting
 from pfcli.initial import Initial
 from pfcli.registry import system
+from pfcli.replay.dead_reckoning import Drive
 from pfcli.rng import Draw
-from pfcli.simulate import soccer
-from pfcli.systems.fuse_soccer import calibration, propose, start, weigh
-from pfcli.systems.fuse_soccer.assets import Assets, sigma_table, view_of
+from pfcli.runs import loop
+from pfcli.simulation import soccer_world
+from pfcli.systems.fuse_soccer import base_calibration, line_proposal, sighting_likelihood, start_on_field
+from pfcli.systems.fuse_soccer.field_assets import Assets, sigma_table, view_of
 from pfcli.systems.fuse_soccer.params import Params
-from pfcli.systems.fuse_soccer.weigh import Belief, Heard
+from pfcli.systems.fuse_soccer.sighting_likelihood import Belief, Heard
 
 FUSE = system("fuse-soccer")
 UNKNOWN = Initial()
 DRIVE = Drive(
-    "omni", soccer.JOINTS, (soccer.WHEEL_RADIUS_M,), arm_m=soccer.WHEEL_ARM_M, angle_deg=(soccer.WHEEL_ANGLE_DEG,)
+    "omni",
+    soccer_world.JOINTS,
+    (soccer_world.WHEEL_RADIUS_M,),
+    arm_m=soccer_world.WHEEL_ARM_M,
+    angle_deg=(soccer_world.WHEEL_ANGLE_DEG,),
 )
 
 
 def assets_of(params: Params) -> Assets:
-    found: Assets = FUSE.load(params, run.Job(FUSE, params, []))
+    found: Assets = FUSE.load(params, loop.Job(FUSE, params, []))
     return found
 
 
-def replayed(folder: Path, seed: int, params: Params, initial: Initial = UNKNOWN, **scenario: Any) -> run.Run:
+def replayed(folder: Path, seed: int, params: Params, initial: Initial = UNKNOWN, **scenario: Any) -> loop.Run:
     """A simulated match of some seconds through the whole loop."""
     log = folder / "log.mcap"
-    soccer.write(soccer.SCENARIOS["soccer-route-1"]._replace(**scenario), seed, log)
-    return run.execute(run.Job(FUSE, params, [log], seed, drive=DRIVE, truth="auto", initial=initial))
+    soccer_world.write(soccer_world.SCENARIOS["soccer-route-1"]._replace(**scenario), seed, log)
+    return loop.execute(loop.Job(FUSE, params, [log], seed, drive=DRIVE, truth="auto", initial=initial))
 
 
-def mean_error(ran: run.Run) -> float:
+def mean_error(ran: loop.Run) -> float:
     assert ran.errors is not None
     return float(np.nanmean(ran.errors.position_m))
 
 
 def sighting_at(pose: np.ndarray, seed: int, compass: bool = True, points: int = 100, noise: float = 0.043) -> Sighting:
-    scenario = soccer.SCENARIOS["soccer-route-1"]._replace(points=points, point_noise=noise)
-    seen = soccer.Vision(scenario, np.random.default_rng(seed)).points(pose)
+    scenario = soccer_world.SCENARIOS["soccer-route-1"]._replace(points=points, point_noise=noise)
+    seen = soccer_world.Vision(scenario, np.random.default_rng(seed)).points(pose)
     heading = Heading(1, float(pose[2]), math.nan) if compass else None
     return Sighting(1, (0.0, 0.0, 0.0), seen, (), heading)
 
@@ -74,7 +78,7 @@ def test_the_track_is_nearer_to_the_truth_than_the_issue_asks(
 
 def test_without_a_compass_both_sides_are_reported_with_equal_probability(tmp_path: Path) -> None:
     ran = replayed(tmp_path, 1, Params(compass=False), duration_s=4.0)
-    track, truth = ran.result.track, next(soccer.play(soccer.SCENARIOS["soccer-route-1"], 1)).truth
+    track, truth = ran.result.track, next(soccer_world.play(soccer_world.SCENARIOS["soccer-route-1"], 1)).truth
     assert np.allclose(track.columns["mirror_p"], 0.5)
     other = np.column_stack([track.columns[k] for k in ("mirror_x_m", "mirror_y_m", "mirror_yaw_rad")])
     near = [
@@ -103,7 +107,7 @@ def test_a_carried_robot_is_right_again_within_a_second(tmp_path: Path) -> None:
 
 
 def test_the_paper_variant_and_wheels_alone_and_the_best_particle_run(tmp_path: Path) -> None:
-    first = next(soccer.play(soccer.SCENARIOS["soccer-route-1"], 1)).truth
+    first = next(soccer_world.play(soccer_world.SCENARIOS["soccer-route-1"], 1)).truth
     initial = Initial("pose", tuple(first.tolist()), (0.05, 0.05, 0.02))
     quiet = {"shift_noise": 0.05, "turn_noise": 0.05, "duration_s": 5.0}
     for params, bar in (
@@ -127,18 +131,24 @@ def test_a_particle_for_two_sides_weighs_as_the_two_would() -> None:
     view = view_of(sighting._replace(landmarks=(post,)), assets, params)
     heard, odds = Heard(0.4, 0.2, 1.0), rng.normal(0, 1, 50)
     p = 1 / (1 + np.exp(-odds))
-    folded = weigh.weigh(Belief(pose, np.zeros(50), odds), view, heard, assets, params)
-    alone = np.full(50, weigh.ONE_SIDE)
-    own = weigh.weigh(Belief(pose, np.log(1 - p), alone), view, heard, assets, params).log_w
-    other = weigh.weigh(Belief(weigh.turned(pose), np.log(p), alone), view, heard, assets, params).log_w
+    folded = sighting_likelihood.weigh(Belief(pose, np.zeros(50), odds), view, heard, assets, params)
+    alone = np.full(50, sighting_likelihood.ONE_SIDE)
+    own = sighting_likelihood.weigh(Belief(pose, np.log(1 - p), alone), view, heard, assets, params).log_w
+    other = sighting_likelihood.weigh(
+        Belief(sighting_likelihood.turned(pose), np.log(p), alone), view, heard, assets, params
+    ).log_w
     # the table's cells are not symmetric to the last one: a cell's difference is allowed
-    lines = weigh.of_lines(pose, view, assets, params) - weigh.of_lines(weigh.turned(pose), view, assets, params)
+    lines = sighting_likelihood.of_lines(pose, view, assets, params) - sighting_likelihood.of_lines(
+        sighting_likelihood.turned(pose), view, assets, params
+    )
     other = other + lines
     assert np.allclose(folded.log_w, np.logaddexp(own, other), atol=1e-6)
     blind = view._replace(points=view.points[:, :0], detections=None)
-    by_compass = weigh.weigh(Belief(pose, np.zeros(50), odds), blind, heard, assets, params)
-    own = weigh.weigh(Belief(pose, np.log(1 - p), alone), blind, heard, assets, params).log_w
-    other = weigh.weigh(Belief(weigh.turned(pose), np.log(p), alone), blind, heard, assets, params).log_w
+    by_compass = sighting_likelihood.weigh(Belief(pose, np.zeros(50), odds), blind, heard, assets, params)
+    own = sighting_likelihood.weigh(Belief(pose, np.log(1 - p), alone), blind, heard, assets, params).log_w
+    other = sighting_likelihood.weigh(
+        Belief(sighting_likelihood.turned(pose), np.log(p), alone), blind, heard, assets, params
+    ).log_w
     assert np.allclose(by_compass.odds, other - own, atol=1e-6)
 
 
@@ -153,8 +163,8 @@ def test_proposals_on_the_lines_do_not_move_the_prior() -> None:
     for seed in range(rounds):
         rng = np.random.default_rng(seed)
         pose = mean + sd * rng.standard_normal((2000, 3))
-        belief = Belief(pose, np.full(2000, -math.log(2000)), np.full(2000, weigh.ONE_SIDE))
-        both, surprise = propose.beside(belief, mean, view, assets, 500, rng)
+        belief = Belief(pose, np.full(2000, -math.log(2000)), np.full(2000, sighting_likelihood.ONE_SIDE))
+        both, surprise = line_proposal.beside(belief, mean, view, assets, 500, rng)
         assert both.pose.shape == (2500, 3)
         assert 0.0 <= surprise < 10.0
         weights, _ = normalize(both.log_w)
@@ -180,7 +190,7 @@ def test_a_field_that_is_not_symmetric_has_one_side(tmp_path: Path) -> None:
     path.write_text("length: 9\nwidth: 6\nline_width: 0.05\ncentre_circle: 1\nsegments: [[2, -1, 2, 1]]\n")
     params = Params(field=str(path))
     assets = assets_of(params)
-    belief = start.anywhere(
+    belief = start_on_field.anywhere(
         view_of(sighting_at(np.zeros(3), 0), assets, params),
         None,
         assets,
@@ -188,7 +198,7 @@ def test_a_field_that_is_not_symmetric_has_one_side(tmp_path: Path) -> None:
         50,
         np.random.default_rng(0),
     )
-    assert (belief.odds == weigh.ONE_SIDE).all()
+    assert (belief.odds == sighting_likelihood.ONE_SIDE).all()
 
 
 def test_the_spread_by_range_never_falls() -> None:
@@ -206,16 +216,21 @@ def test_calibration_finds_the_wheels_and_the_mount_that_the_log_was_driven_with
     step = np.column_stack([0.05 * np.sin(seconds / 3), 0.05 * np.cos(seconds / 2), 0.04 * np.sin(seconds / 5)])
     angles = np.vstack([np.zeros(4), np.cumsum(step[1:] @ true.jacobian().T / 0.0636, axis=0)])
     angles += 0.002 * rng.standard_normal(angles.shape)
-    base = calibration.dead_reckoning(calibration.Rolled(angles, np.empty((0, 3)), seconds, np.ones(0, bool)), true)
+    base = base_calibration.dead_reckoning(
+        base_calibration.Rolled(angles, np.empty((0, 3)), seconds, np.ones(0, bool)), true
+    )
     mount = np.array([[0.03, -0.02, 0.0]])
     from pfcli.core.geometry import compose
 
-    rolled = calibration.Rolled(angles, compose(base, mount), seconds, np.ones(seconds.size, bool))
-    fit = calibration.fit_wheels([rolled], DRIVE)
+    rolled = base_calibration.Rolled(angles, compose(base, mount), seconds, np.ones(seconds.size, bool))
+    fit = base_calibration.fit_wheels([rolled], DRIVE)
     assert np.allclose(fit.drive.radius_m, 0.0636, rtol=0.01)
     assert fit.drive.angle_deg[0] == pytest.approx(43.0, abs=0.4)
     assert np.allclose(fit.mount, mount[0], atol=0.01)
-    assert calibration.error_m(rolled, fit)[0] < 0.1 * calibration.error_m(rolled, calibration.Fit(DRIVE, (0, 0, 0)))[0]
+    assert (
+        base_calibration.error_m(rolled, fit)[0]
+        < 0.1 * base_calibration.error_m(rolled, base_calibration.Fit(DRIVE, (0, 0, 0)))[0]
+    )
 
 
 def test_the_spread_of_points_is_found_by_range_among_false_ones() -> None:
@@ -223,12 +238,12 @@ def test_the_spread_of_points_is_found_by_range_among_false_ones() -> None:
     r = rng.uniform(0.5, 6.0, 20_000)
     hit = rng.random(r.size) < 0.7
     distance = np.where(hit, np.abs(0.043 * r * rng.standard_normal(r.size)), rng.uniform(0, 1, r.size))
-    found = calibration.spread_by_range(r, distance)
-    middle = found.from_m + calibration.BIN_M / 2
+    found = base_calibration.spread_by_range(r, distance)
+    middle = found.from_m + base_calibration.BIN_M / 2
     inner = (middle > 1.0) & (middle < 6.0)
     assert np.allclose(found.sigma_m[inner], 0.043 * middle[inner], rtol=0.15)
     assert np.allclose(found.hit[inner], 0.7, atol=0.08)
-    assert sigma_table(calibration.sigma_text(found)).size > 0
+    assert sigma_table(base_calibration.sigma_text(found)).size > 0
 
 
 def played(params: Params, initial: Initial, sightings: list[Sighting]) -> list[Any]:
@@ -246,7 +261,7 @@ def played(params: Params, initial: Initial, sightings: list[Sighting]) -> list[
 def test_a_known_start_does_not_bind_a_robot_to_its_side() -> None:
     """Carried to its mirror image, where the lines look the same: the compass tells, within six seconds."""
     here = np.array([3.0, 1.0, 0.4])
-    there = weigh.turned(here[None])[0]
+    there = sighting_likelihood.turned(here[None])[0]
     seen = [sighting_at(here, k) for k in range(10)] + [sighting_at(there, k) for k in range(90)]
     rows = played(Params(), Initial("pose", tuple(here.tolist()), (0.1, 0.1, 0.05)), seen)
     assert np.hypot(*(rows[9][0] - here)[:2]) < 0.2

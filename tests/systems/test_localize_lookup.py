@@ -16,11 +16,11 @@ from pfcli.events import Pose2, Ranges, Scan, Sounding, Sweep
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.registry import system
-from pfcli.run import Job
-from pfcli.simulate.world import WORLDS, rasterize
-from pfcli.systems.localize_lookup import start
-from pfcli.systems.localize_lookup.beams import Assets, beams_of, evidence, model_of
+from pfcli.runs.loop import Job
+from pfcli.simulation.indoor_world import WORLDS, rasterize
+from pfcli.systems.localize_lookup import smc_start
 from pfcli.systems.localize_lookup.params import Params
+from pfcli.systems.localize_lookup.reading_beams import Assets, beams_of, evidence, model_of
 from pfcli.systems.localize_reliable.params import Params as ReliableParams
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -82,7 +82,7 @@ def test_one_match_gives_the_heading_at_the_true_place(map_file: Path) -> None:
         beams = beams_of(_sweep(assets, TRUE), params)
         c, s = np.cos(TRUE[2]), np.sin(TRUE[2])
         sensor = np.array([[TRUE[0] + c * 0.12, TRUE[1] + s * 0.12]])
-        poses, log_w = start._matched(sensor, beams, 0.1, assets, params, np.random.default_rng(0))
+        poses, log_w = smc_start._matched(sensor, beams, 0.1, assets, params, np.random.default_rng(0))
         log_w += evidence(poses, beams, assets, model_of(params, beams, assets, 0.1))
         assert _off(poses[np.argmax(log_w)][None], TRUE)[0] < 0.02
 
@@ -93,7 +93,7 @@ def test_headings_of_several_mounts_are_matched_together(map_file: Path) -> None
     assert beams.mounts.shape == (2, 3)
     c, s = np.cos(TRUE[2]), np.sin(TRUE[2])
     sensor = np.array([[TRUE[0] + c * 0.15, TRUE[1] + s * 0.15]])
-    poses, _ = start._matched(sensor, beams, 0.1, assets, params, np.random.default_rng(0))
+    poses, _ = smc_start._matched(sensor, beams, 0.1, assets, params, np.random.default_rng(0))
     assert _off(poses, TRUE).min() < 0.02
 
 
@@ -101,7 +101,7 @@ def test_headings_of_several_mounts_are_matched_together(map_file: Path) -> None
 def test_the_first_reading_finds_the_robot(map_file: Path, ranges: str) -> None:
     assets, params = _assets(map_file, Initial("inside"), ranges=ranges)
     beams = beams_of(_sweep(assets, TRUE), params)
-    found = start.scatter(beams, assets, params, np.random.default_rng(1))
+    found = smc_start.scatter(beams, assets, params, np.random.default_rng(1))
     weights, _ = normalize(found.log_w)
     assert found.pose.shape == (params.particles, 3)
     assert weights[_off(found.pose, TRUE) < 0.3].sum() > 0.8
@@ -110,7 +110,7 @@ def test_the_first_reading_finds_the_robot(map_file: Path, ranges: str) -> None:
 def test_a_heading_prior_holds(map_file: Path) -> None:
     assets, params = _assets(map_file, Initial("inside", heading=(0.7, 0.05)))
     beams = beams_of(_sounding(assets, TRUE), params)
-    found = start.scatter(beams, assets, params, np.random.default_rng(1))
+    found = smc_start.scatter(beams, assets, params, np.random.default_rng(1))
     assert np.abs(np.angle(np.exp(1j * (found.pose[:, 2] - 0.7)))).max() < 0.5
 
 
@@ -118,7 +118,7 @@ def test_the_evidence_of_a_robot_that_may_be_anywhere_is_the_mean_over_all_poses
     """What `--lost-share` weighs against the particles: log of the mean of p(z | x) over the map."""
     assets, params = _assets(map_file, Initial("inside"))
     beams = beams_of(_sounding(assets, TRUE), params)
-    found = start.anywhere(beams, assets, params, np.random.default_rng(3))
+    found = smc_start.anywhere(beams, assets, params, np.random.default_rng(3))
     rng = np.random.default_rng(4)
     xy = assets.start_xy[rng.integers(len(assets.start_xy), size=300_000)]
     poses = np.column_stack([xy, rng.uniform(-np.pi, np.pi, len(xy))])
@@ -138,7 +138,7 @@ def test_a_start_keeps_what_two_range_finders_leave_open(map_file: Path) -> None
     expected = p[_off(poses, TRUE) < 0.5].sum() / p.sum()
     masses = []
     for seed in range(10):
-        found = start.anywhere(beams, assets, params, np.random.default_rng(seed))
+        found = smc_start.anywhere(beams, assets, params, np.random.default_rng(seed))
         masses.append(normalize(found.log_w)[0][_off(found.pose, TRUE) < 0.5].sum())
     assert np.std(masses) < 3 * np.sqrt(expected / params.particles)
     assert abs(np.mean(masses) - expected) < 4 * 3 * np.sqrt(expected / params.particles / 10)
@@ -153,7 +153,7 @@ def test_equal_rooms_stay_equally_probable(tmp_path: Path) -> None:
     beams = beams_of(_sweep(assets, TRUE), params)
     shares = []
     for seed in range(2):
-        found = start.anywhere(beams, assets, params, np.random.default_rng(seed))
+        found = smc_start.anywhere(beams, assets, params, np.random.default_rng(seed))
         weights = normalize(found.log_w)[0]
         shares.append([weights[_off(found.pose, pose) < 0.4].sum() for pose in alike])
     assert np.sum(shares, axis=1) == pytest.approx(1.0, abs=0.1)
@@ -261,8 +261,8 @@ def test_a_heading_prior_weighs_and_a_lost_robot_is_looked_for_in_the_whole_map(
     """The prior is part of the weights, not only of the proposal; it and a start region are forgotten by a lost robot."""
     assets, params = _assets(map_file, Initial("inside", heading=(0.7, 0.05)))
     beams = beams_of(_sweep(assets, TRUE), params)
-    with_prior = start._matched(TRUE[None, :2], beams, 0.1, assets, params, np.random.default_rng(0))
-    plain = start._matched(
+    with_prior = smc_start._matched(TRUE[None, :2], beams, 0.1, assets, params, np.random.default_rng(0))
+    plain = smc_start._matched(
         TRUE[None, :2], beams, 0.1, assets._replace(initial=Initial("inside")), params, np.random.default_rng(0)
     )
     best = np.argmax(with_prior[1])

@@ -8,32 +8,32 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import run
+from pfcli.core.evaluation import track_error
 from pfcli.core.grid.distance import distance_m
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.grid.region import crosses_wall, places, region_of
 from pfcli.core.grid.tiles import Beams
 from pfcli.core.sensor import likelihood_field
 from pfcli.events import Pose2
-from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.registry import system
-from pfcli.replay import Log
-from pfcli.report import metrics
+from pfcli.replay.log import Log
 from pfcli.rng import Draw
-from pfcli.simulate.world import WORLDS, rasterize
+from pfcli.runs import loop
+from pfcli.simulation.indoor_world import WORLDS, rasterize
 from pfcli.systems.localize_partial import (
-    afterwards,
-    anneal,
-    corrected,
-    extend,
+    annealed_sampler,
+    class_smoother,
+    cluster_kernels,
     filter,
-    kernels,
-    paper,
-    reckoning,
-    smooth,
-    unplaced,
+    map_extension,
+    matched_odometry,
+    pose_smoother,
+    relocalise,
+    update_corrected,
+    update_paper,
 )
-from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading
+from pfcli.systems.localize_partial.class_belief import Assets, Belief, Past, Reading
 from pfcli.systems.localize_partial.params import Params
 
 MODEL = likelihood_field.Model(0.1, 0.8, 5.0)
@@ -65,7 +65,7 @@ def test_moves_change_classes_as_table_1_says(assets: Assets) -> None:
     poses = np.array([inside] * 3 + [[5.4, 1.5, 0.0]] + [outside] * 2 + [[5.6, 1.5, np.pi]] * 2)
     classes = np.array([2, 3, 6, 3, 4, 5, 4, 5], np.uint8)
     step = np.array([0.2, 0.0, 0.0])
-    _, labels, factor = kernels.move(poses, classes, step, np.zeros(3), np.zeros((8, 3)), assets.region)
+    _, labels, factor = cluster_kernels.move(poses, classes, step, np.zeros(3), np.zeros((8, 3)), assets.region)
     assert labels.tolist() == [3, 3, 3, 4, 5, 5, 6, 6]
     assert (factor == 1.0).all()
 
@@ -73,8 +73,10 @@ def test_moves_change_classes_as_table_1_says(assets: Assets) -> None:
 def test_a_particle_that_drives_through_a_wall_is_nearly_killed_and_not_called_outside(assets: Assets) -> None:
     pose = np.array([[3.0, 0.6, -np.pi / 2]])
     step = np.array([0.2, 0.0, 0.0])
-    _, _, factor = kernels.move(pose, np.array([3], np.uint8), step, np.zeros(3), np.zeros((1, 3)), assets.region)
-    assert factor[0] == kernels.WALL_FACTOR
+    _, _, factor = cluster_kernels.move(
+        pose, np.array([3], np.uint8), step, np.zeros(3), np.zeros((1, 3)), assets.region
+    )
+    assert factor[0] == cluster_kernels.WALL_FACTOR
 
 
 def test_moves_far_from_walls_are_not_asked_and_the_answer_is_the_same() -> None:
@@ -84,9 +86,9 @@ def test_moves_far_from_walls_are_not_asked_and_the_answer_is_the_same() -> None
     rng = np.random.default_rng(3)
     pose = np.column_stack([rng.uniform(-2, 7, 3000), rng.uniform(-3, 5, 3000), rng.uniform(-3, 3, 3000)])
     step, sd, z = np.array([0.3, 0.0, 0.1]), np.array([0.1, 0.1, 0.1]), rng.standard_normal((3000, 3))
-    moved, _, factor = kernels.move(pose, np.full(3000, 3, np.uint8), step, sd, z, turned)
+    moved, _, factor = cluster_kernels.move(pose, np.full(3000, 3, np.uint8), step, sd, z, turned)
     crossed = [crosses_wall(turned.place, turned.frame, *p[:2], *q[:2]) for p, q in zip(pose, moved, strict=True)]
-    assert (factor == np.where(crossed, kernels.WALL_FACTOR, 1.0)).all()
+    assert (factor == np.where(crossed, cluster_kernels.WALL_FACTOR, 1.0)).all()
     assert 30 < sum(crossed) < 1000
 
 
@@ -95,7 +97,7 @@ def test_entries_stand_at_the_frontier_and_were_outside_before_the_step(assets: 
     step = np.array([0.1, 0.0, 0.2])
     region = assets.region
     count = int(np.searchsorted(region.edge_m, 0.12, side="right"))
-    found = kernels.entries(region.edge_xy, count, 0.05, step, u, region.place, region.frame, True)
+    found = cluster_kernels.entries(region.edge_xy, count, 0.05, step, u, region.place, region.frame, True)
     before = found[:, 2] - step[2]
     xy = found[:, :2] - 0.1 * np.stack([np.cos(before), np.sin(before)], 1)
     assert 100 < len(found) < 4000
@@ -109,7 +111,7 @@ def test_those_without_a_pose_are_looked_for_only_where_that_is_worth_it(assets:
         transition = np.zeros((7, 7))
         transition[0, 0], transition[1, 1] = inside, outside
         before = np.array([inside, outside])
-        found, left = unplaced.search(before, reading, transition, assets, params, Draw(0))
+        found, left = relocalise.search(before, reading, transition, assets, params, Draw(0))
         assert set(found.label.tolist()) == classes
         assert transition.sum() == pytest.approx(before.sum(), abs=1e-12)
         assert transition.sum(axis=0)[:2] == pytest.approx(left, abs=1e-12)
@@ -123,7 +125,7 @@ def test_a_robot_was_carried_only_where_the_last_metres_foretell_nothing(assets:
         reading = _reading(0.1, np.zeros((2, 40)))._replace(base=np.full((2, 40), foretold, np.float32))
         transition = np.zeros((7, 7))
         transition[3, 3], transition[5, 5] = weight
-        kept, left = unplaced.lose(weight, np.array([0.0, 0.2]), reading, transition, params)
+        kept, left = relocalise.lose(weight, np.array([0.0, 0.2]), reading, transition, params)
         astray = 0.2 * carried / 2  # a robot that has lost its way may be wrong about being outside
         each = 0.8 * carried * share / 2
         assert kept == pytest.approx(weight * (1.0 - carried))
@@ -139,9 +141,9 @@ def test_who_is_elsewhere_keeps_up_with_class_3_and_with_the_outside_but_not_for
         ([0.0, 0.0, 0.6], 1.0, 1.0),  # it does not: neither is evidence
         ([0.1, 0.1, 0.0], 0.8, 0.8),
     ):
-        found = unplaced.elsewhere(threes, weight, np.array(after), float(np.log(outside)), 0.9)
+        found = relocalise.elsewhere(threes, weight, np.array(after), float(np.log(outside)), 0.9)
         assert found == pytest.approx(np.log(best) - 0.9 / 4.5)
-    nobody = unplaced.elsewhere(np.zeros(3, np.bool_), weight, weight, -0.3, 0.0)
+    nobody = relocalise.elsewhere(np.zeros(3, np.bool_), weight, weight, -0.3, 0.0)
     assert nobody == pytest.approx(-0.3)
 
 
@@ -150,13 +152,15 @@ def test_who_is_found_late_is_judged_by_the_last_metres_too(assets: Assets) -> N
     now, params = _reading(0.0, _seen_from(2.5, 1.5)), Params(beam_gain=0.1)
     before = Past(np.array([3.5, 2.0, np.pi / 2]), *_reading(0.0, _seen_from(2.0, 1.5))[2:5], 0.25)
     poses = np.array([[2.5, 1.5, 0.0], [3.4, 1.5, np.pi / 2]])
-    found = unplaced._hindsight(
+    found = relocalise._hindsight(
         poses, now._replace(reckoned=np.array([3.5, 2.5, np.pi / 2]), past=(before, before)), assets, params
     )
     top = 0.1 * 90 * likelihood_field.log_ratio(np.full(1, 0.025), MODEL)[0]
     assert found[0] == pytest.approx(2 * (top - 0.25), rel=0.02)
-    assert found[1] == pytest.approx(2 * (-unplaced.MOST_AGAINST - 0.25)), "a scan ends what it can say against a place"
-    assert unplaced._hindsight(poses, now, assets, params).tolist() == [0.0, 0.0]
+    assert found[1] == pytest.approx(2 * (-relocalise.MOST_AGAINST - 0.25)), (
+        "a scan ends what it can say against a place"
+    )
+    assert relocalise._hindsight(poses, now, assets, params).tolist() == [0.0, 0.0]
 
 
 def test_who_is_lost_in_the_map_is_found_there_and_not_called_outside(assets: Assets) -> None:
@@ -164,7 +168,7 @@ def test_who_is_lost_in_the_map_is_found_there_and_not_called_outside(assets: As
     belief = Belief(np.empty((0, 3)), np.empty(0, np.uint8), np.empty(0), np.array([0.5, 0.5, 0, 0, 0, 0, 0]))
     for k in range(12):
         reading = _reading(0.0, _seen_from(2.0, 1.5))._replace(stamp_ns=k)
-        belief = corrected.update(belief, reading, assets, Params(frontier_samples=1000, beam_gain=0.3), Draw(0))
+        belief = update_corrected.update(belief, reading, assets, Params(frontier_samples=1000, beam_gain=0.3), Draw(0))
     best = belief.pose[np.argmax(belief.weight)]
     assert belief.b[0] + belief.b[3] > 0.95
     assert np.hypot(best[0] - 2.0, best[1] - 1.5) < 0.15
@@ -172,7 +176,7 @@ def test_who_is_lost_in_the_map_is_found_there_and_not_called_outside(assets: As
 
 def test_flows_add_up_to_the_weights() -> None:
     before, after = np.array([2, 3, 3, 5], np.uint8), np.array([3, 3, 4, 6], np.uint8)
-    found = kernels.flow(before, after, np.array([0.1, 0.2, 0.3, 0.4]))
+    found = cluster_kernels.flow(before, after, np.array([0.1, 0.2, 0.3, 0.4]))
     assert found[2, 3] == 0.1
     assert found[3, 3] == 0.2
     assert found[3, 4] == 0.3
@@ -211,9 +215,9 @@ def test_both_variants_follow_their_equations(assets: Assets) -> None:
     mean3, mean6 = likelihood[:100].mean(), likelihood[100:].mean()
     reading = _reading(0.0, ends, first=True)
     fixed = assets._replace(initial=Initial("pose"))
-    mended = corrected.update(belief, reading, fixed, params, Draw(0))
+    mended = update_corrected.update(belief, reading, fixed, params, Draw(0))
     assert mended.b[3] == pytest.approx(mean3 / (mean3 + mean6), rel=1e-6)
-    printed = paper.update(belief, reading, fixed, params, Draw(0))
+    printed = update_paper.update(belief, reading, fixed, params, Draw(0))
     twice3 = (likelihood[:100] ** 2).sum() / likelihood[:100].sum()
     twice6 = (likelihood[100:] ** 2).sum() / likelihood[100:].sum()
     assert printed.b[3] == pytest.approx(twice3 / (twice3 + twice6), rel=1e-6)
@@ -226,8 +230,8 @@ def test_scans_move_weight_to_the_outside_only_where_that_is_asked_for(assets: A
     belief = belief._replace(b=np.array([0, 0.2, 0, 0.4, 0, 0, 0.4]), weight=np.full(200, 0.004))
     fixed = assets._replace(initial=Initial("pose"))
     reading = _reading(0.0, wrong, first=True)
-    on = corrected.update(belief, reading, fixed, Params(beam_gain=1.0), Draw(0))
-    off = corrected.update(belief, reading, fixed, Params(beam_gain=1.0, outside_likelihood=False), Draw(0))
+    on = update_corrected.update(belief, reading, fixed, Params(beam_gain=1.0), Draw(0))
+    off = update_corrected.update(belief, reading, fixed, Params(beam_gain=1.0, outside_likelihood=False), Draw(0))
     assert on.b[1] > 0.4
     assert off.b[1] == pytest.approx(0.2)
 
@@ -253,16 +257,16 @@ def test_what_map_and_last_metres_both_explain_drives_nobody_out(assets: Assets)
     labels, weights = np.full(500, 3, np.uint8), np.full(500, 1 / 500)
     reading = _explained(0.0)
     params = Params(beam_gain=0.1)
-    ratios = corrected._log_ratios(poses, labels, reading, assets, params)
+    ratios = update_corrected._log_ratios(poses, labels, reading, assets, params)
     assert np.log(np.mean(np.exp(ratios))) < 0.0
-    here = unplaced.Placed(poses, labels, weights)
-    settled = corrected._settled(here, ratios, reading, assets, params, Draw(0))
+    here = relocalise.Placed(poses, labels, weights)
+    settled = update_corrected._settled(here, ratios, reading, assets, params, Draw(0))
     assert settled is not None
     assert settled >= 0.0
     apart = poses + np.where(np.arange(500)[:, None] % 2 == 0, [1.5, 0.0, 0.0], 0.0)
-    assert corrected._settled(here._replace(pose=apart), np.zeros(500), reading, assets, params, Draw(0)) is None
+    assert update_corrected._settled(here._replace(pose=apart), np.zeros(500), reading, assets, params, Draw(0)) is None
     nothing = reading._replace(ends=np.full((2, 90), 0.2, np.float32))
-    contradicted = corrected._settled(here, ratios, nothing, assets, params, Draw(0))
+    contradicted = update_corrected._settled(here, ratios, nothing, assets, params, Draw(0))
     assert contradicted is not None
     assert contradicted < settled
 
@@ -291,13 +295,13 @@ def test_weights_after_a_scan_equal_their_slow_definition() -> None:
         log_ratio = np.where(inside, rng.normal(rng.choice([-5, 0, 5]), rng.choice([0.1, 3.0, 30.0]), n), 0.0)
         settled = float(rng.normal(0, 3)) if (labels == 3).any() and trial % 3 else None
         least = -np.inf if settled is None else settled
-        found, total, top, before, after = kernels.weigh(labels, weights, log_ratio, least, 1.0)
+        found, total, top, before, after = cluster_kernels.weigh(labels, weights, log_ratio, least, 1.0)
         slow, slow_top = _weighed_slowly(labels, weights, log_ratio, settled, 1.0)
         assert found == pytest.approx(slow, rel=1e-9, abs=1e-300)
         assert top == pytest.approx(slow_top, abs=1e-9)
         assert total == pytest.approx(slow.sum(), rel=1e-9)
         assert (before, after) == pytest.approx((weights[inside].sum(), slow[inside].sum()), rel=1e-9)
-        index, share = kernels.after_scan(labels, 3, weights, log_ratio)
+        index, share = cluster_kernels.after_scan(labels, 3, weights, log_ratio)
         assert (index == np.flatnonzero(labels == 3)).all()
         if index.size:
             expected = weights[index] * np.exp(log_ratio[index] - log_ratio[index].max())
@@ -309,10 +313,10 @@ def test_regrouping_keeps_each_clusters_weight(assets: Assets) -> None:
     poses, labels = rng.normal(0, 1, (3000, 3)), rng.integers(2, 7, 3000).astype(np.uint8)
     weights = rng.random(3000) ** 4
     weights /= weights.sum()
-    _, new_labels, new_weights = kernels.regroup(
+    _, new_labels, new_weights = cluster_kernels.regroup(
         poses, labels, weights, rng.random(7), 50, 400, 400, 0.5, 0.05, 0.5, 0.26, 1e-9
     )
-    assert kernels.masses(new_labels, new_weights) == pytest.approx(kernels.masses(labels, weights))
+    assert cluster_kernels.masses(new_labels, new_weights) == pytest.approx(cluster_kernels.masses(labels, weights))
     assert np.bincount(new_labels).max() <= 400
 
 
@@ -321,17 +325,19 @@ def test_regrouping_keeps_those_far_apart_and_the_fewest(assets: Assets) -> None
     near, far = rng.normal(0, 0.05, (2000, 3)), rng.uniform(-20, 20, (30_000, 3))
     poses, weights = np.concatenate([near, far]), np.r_[np.full(2000, 0.7 / 2000), np.full(30_000, 0.3 / 30_000)]
     kept = (200, 3000, 20_000, 0.5, 0.01, 0.5, 0.26, 1e-9)
-    found, _, mass = kernels.regroup(poses, np.full(32_000, 3, np.uint8), weights, rng.random(7), *kept)
+    found, _, mass = cluster_kernels.regroup(poses, np.full(32_000, 3, np.uint8), weights, rng.random(7), *kept)
     away = np.hypot(*found[:, :2].T) > 1.0
     assert mass[away].sum() == pytest.approx(0.3, abs=0.01)
     assert away.sum() > 5000  # one hypothesis that is the likelier does not thin out the others
-    given_up, _, mass = kernels.regroup(poses, np.full(32_000, 3, np.uint8), 1e-4 * weights, rng.random(7), *kept)
+    given_up, _, mass = cluster_kernels.regroup(
+        poses, np.full(32_000, 3, np.uint8), 1e-4 * weights, rng.random(7), *kept
+    )
     assert given_up.shape[0] == 3000  # a place that hardly anything speaks for
     assert mass.sum() == pytest.approx(1e-4)
     for most in (9, 1000):
         few = (200, min(200, most), most, 0.5, 0.01, 0.5, 0.26, 1e-9)
         labels = np.repeat(np.array([3, 5], np.uint8), 16_000)
-        _, left, mass = kernels.regroup(poses, labels, np.full(32_000, 1 / 32_000), rng.random(7), *few)
+        _, left, mass = cluster_kernels.regroup(poses, labels, np.full(32_000, 1 / 32_000), rng.random(7), *few)
         assert np.bincount(left)[5] == min(200, most)
         assert mass.sum() == pytest.approx(1.0)
 
@@ -348,7 +354,7 @@ def test_gathering_keeps_what_the_blind_poses_stand_for(assets: Assets) -> None:
     likelihood = np.exp(0.5 * likelihood_field.evidence(blind, reading.ends, assets.field))
     ratios = []
     for seed in range(20):
-        poses, weights = anneal.gather(blind, 1.0, 5000, reading, assets, params, np.random.default_rng(seed))
+        poses, weights = annealed_sampler.gather(blind, 1.0, 5000, reading, assets, params, np.random.default_rng(seed))
         ratios.append(
             weights @ np.exp(0.5 * likelihood_field.evidence(poses, reading.ends, assets.field)) / likelihood.mean()
         )
@@ -365,12 +371,12 @@ def test_smoothing_equals_the_sum_over_all_class_paths() -> None:
     share /= share.sum(axis=2, keepdims=True)
     likelihood = rng.random((steps, n))
     b = [start]
-    history = [smooth.Step(np.zeros((n, n)), start)]
+    history = [class_smoother.Step(np.zeros((n, n)), start)]
     for t in range(steps):
         transition = b[-1][:, None] * share[t]
         predicted = transition.sum(axis=0)
         b.append(predicted * likelihood[t] / (predicted @ likelihood[t]))
-        history.append(smooth.Step(transition, b[-1]))
+        history.append(class_smoother.Step(transition, b[-1]))
     brute = np.zeros((steps + 1, n))
     for path in itertools.product(range(n), repeat=steps + 1):
         p = start[path[0]] * np.prod(
@@ -379,18 +385,18 @@ def test_smoothing_equals_the_sum_over_all_class_paths() -> None:
         for t, k in enumerate(path):
             brute[t, k] += p
     brute /= brute.sum(axis=1, keepdims=True)
-    assert smooth.backward(history) == pytest.approx(brute)
+    assert class_smoother.backward(history) == pytest.approx(brute)
 
 
 def test_crossings_ignore_what_turns_back_halfway() -> None:
     p = np.array([0.9, 0.9, 0.4, 0.6, 0.9, 0.45, 0.1, 0.3, 0.6, 0.95])
-    found = smooth.crossings(np.arange(10) * 10, p)
+    found = class_smoother.crossings(np.arange(10) * 10, p)
     assert [(c["kind"], c["t_ns"]) for c in found] == [("exit", 50), ("entry", 80)]
 
 
 def _walked(slips: bool, match_scans: bool = True) -> float:
     """Distance of the reckoned pose from the true one after 6 m through a room whose odometry gains 2 % and, perhaps, slips."""
-    state, params, error = reckoning.Reckoning(), Params(match_scans=match_scans), 0.0
+    state, params, error = matched_odometry.Reckoning(), Params(match_scans=match_scans), 0.0
     for k in range(61):
         x = 0.6 + 0.06 * k
         ends = _seen_from(x, 1.5).T
@@ -398,7 +404,7 @@ def _walked(slips: bool, match_scans: bool = True) -> float:
         moved = np.array([0.0612 * (k > 0), 0.0, 0.0])
         if slips and k % 20 == 10:
             moved += [0.2, 0.0, 0.15]
-        state, _ = reckoning.reckon(state, scan, moved, moved[0], params)
+        state, _ = matched_odometry.reckon(state, scan, moved, moved[0], params)
         error = float(np.hypot(state.pose[0] - (x - 0.6), state.pose[1]))
     return error
 
@@ -406,19 +412,19 @@ def _walked(slips: bool, match_scans: bool = True) -> float:
 def test_scans_of_the_last_metres_put_slips_and_scales_of_the_odometry_right() -> None:
     assert _walked(slips=False) < 0.05 < 0.07 < _walked(slips=False, match_scans=False)
     assert _walked(slips=True) < 0.05 < 1.0 < _walked(slips=True, match_scans=False)
-    state, moved = reckoning.Reckoning(), np.array([0.1, 0.0, 0.02])
+    state, moved = matched_odometry.Reckoning(), np.array([0.1, 0.0, 0.02])
     scan = Beams(np.zeros(2), _seen_from(2.0, 1.5).T.copy(), np.ones(90, np.uint8), np.zeros(90))
     for given in (Params(match_scans=False), Params(variant="paper")):
-        after, step = reckoning.reckon(state, scan, moved, 0.1, given)
+        after, step = matched_odometry.reckon(state, scan, moved, 0.1, given)
         assert after.scans is None
         assert np.array_equal(step, moved)
 
 
 def _update(
     pose: list[float], found: list[float] | None, way_m: float, fits: bool = True, anew: bool = False
-) -> afterwards.Reckoned:
+) -> pose_smoother.Reckoned:
     known = np.full(3, np.nan) if found is None else np.array(found)
-    return afterwards.Reckoned(np.array(pose), fits, anew, False, known, found is not None, way_m)
+    return pose_smoother.Reckoned(np.array(pose), fits, anew, False, known, found is not None, way_m)
 
 
 def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
@@ -426,7 +432,7 @@ def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
     updates = [_update([0.0, 0.0, 0.0], [1.0, 2.0, np.pi / 2], 0.0)]
     updates += [_update([k, 0.0, 0.0], None, float(k)) for k in (1, 2, 3)]
     updates += [_update([4.0, 0.0, 0.0], [1.3, 6.0, np.pi / 2 + 0.2], 4.0)]
-    found = afterwards.poses(updates, np.array([1.0, 0.0, 0.0, 0.0, 1.0]))
+    found = pose_smoother.poses(updates, np.array([1.0, 0.0, 0.0, 0.0, 1.0]))
     assert found[[0, 4]] == pytest.approx(np.array([[1.0, 2.0, np.pi / 2], [1.3, 6.0, np.pi / 2 + 0.2]]))
     for k in (1, 2, 3):
         back = np.array([1.3 + (4 - k) * np.sin(0.2), 6.0 - (4 - k) * np.cos(0.2), np.pi / 2 + 0.2])
@@ -436,19 +442,21 @@ def test_afterwards_the_way_outside_hangs_between_exit_and_entry() -> None:
 def test_afterwards_a_robot_that_came_in_late_has_its_way_before_and_none_where_it_was_carried() -> None:
     updates = [_update([k, 0.0, 0.0], None, float(k), k < 1 or k > 2, k == 2) for k in range(4)]
     updates += [_update([4.0, 0.0, 0.0], [7.0, 1.0, 0.0], 4.0), _update([5.0, 0.0, 0.0], None, 5.0)]
-    found = afterwards.poses(updates, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
+    found = pose_smoother.poses(updates, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
     assert np.isnan(found[:2]).all(), "no scan fitted at the second and third update: it was carried there"
     assert found[2:, 0] == pytest.approx([5.0, 6.0, 7.0, 8.0])
     again = [u._replace(anew=False) for u in updates]
-    assert afterwards.poses(again, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))[:, 0] == pytest.approx(np.arange(3.0, 9.0))
-    assert np.isnan(afterwards.poses(updates[:2], np.zeros(2))).all()
+    assert pose_smoother.poses(again, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))[:, 0] == pytest.approx(
+        np.arange(3.0, 9.0)
+    )
+    assert np.isnan(pose_smoother.poses(updates[:2], np.zeros(2))).all()
     lost = [u._replace(fits=True, anew=False, lost=0 < k < 4) for k, u in enumerate(updates)]
-    found = afterwards.poses(lost, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
+    found = pose_smoother.poses(lost, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
     assert np.isnan(found[:1]).all()
     assert found[1:, 0] == pytest.approx([4.0, 5.0, 6.0, 7.0, 8.0]), "it got lost once, at the second update"
 
 
-def _driven(stays: list[tuple[int, float]]) -> tuple[list[afterwards.Reckoned], np.ndarray]:
+def _driven(stays: list[tuple[int, float]]) -> tuple[list[pose_smoother.Reckoned], np.ndarray]:
     """Updates every metre along x, found `off` metres beside where they are for so many metres each; nan: not found."""
     updates, k = [], 0
     for metres, off in stays:
@@ -464,14 +472,14 @@ def test_afterwards_a_wrong_place_is_taken_back_where_the_others_contradict_it()
         [(8, 0.0), (2, 5.0), (6, 0.0)],
         [(9, 0.0), (5, np.nan), (3, 7.0)],
     ):
-        found = afterwards.poses(*_driven(stays))
+        found = pose_smoother.poses(*_driven(stays))
         assert found[:, 1] == pytest.approx(np.zeros(len(found)), abs=1e-9)
         assert found[:, 0] == pytest.approx(np.arange(len(found)) + 10.0)
 
 
 def test_afterwards_places_that_both_lasted_are_both_right() -> None:
     updates, in_map = _driven([(15, 0.0), (4, np.nan), (15, 9.0)])
-    found = afterwards.poses(updates, in_map)
+    found = pose_smoother.poses(updates, in_map)
     assert found[:19, 1] == pytest.approx(np.zeros(19))
     assert found[19:, 1] == pytest.approx(np.full(15, 9.0))
 
@@ -482,7 +490,7 @@ def test_a_map_is_extended_beyond_its_edge_and_nowhere_else(yaw: float) -> None:
     cells = rng.integers(-1, 2, (40, 50)).astype(np.int8)
     grid = GridMap(cells, 0.1, Pose2(1.0, -2.0, yaw))
     more = GridMap(rng.integers(-1, 2, (60, 70)).astype(np.int8), 0.1, Pose2(-1.5, -3.0, 0.0))
-    found = extend.merged(grid, more)
+    found = map_extension.merged(grid, more)
     assert found.origin.yaw_rad == yaw
     c, s = np.cos(yaw), np.sin(yaw)
 
@@ -503,7 +511,7 @@ def test_a_map_is_extended_beyond_its_edge_and_nowhere_else(yaw: float) -> None:
         y = found.origin.y_m + 0.1 * (s * (col + 0.5) + c * (row + 0.5))
         mine = value(grid, x, y)
         assert found.cells[row, col] == (mine if mine != -1 else value(more, x, y))
-    assert extend.extended(grid, [], np.empty((0, 3))) is grid
+    assert map_extension.extended(grid, [], np.empty((0, 3))) is grid
 
 
 def test_the_sample_afterwards_is_known_outside_too_and_draws_what_lies_there() -> None:
@@ -526,14 +534,16 @@ def test_the_sample_afterwards_is_known_outside_too_and_draws_what_lies_there() 
     assert (found.cells >= 0).sum() > 1.2 * (given.cells >= 0).sum()
 
 
-def _sample(name: str, initial: str, **params: Any) -> tuple[run.Run, np.ndarray]:
+def _sample(name: str, initial: str, **params: Any) -> tuple[loop.Run, np.ndarray]:
     """A run on a sample log, and the true poses at the stamps of its track."""
     folder = Path(__file__).parents[2] / "sample_logs"
     log, grid = folder / f"{name}.mcap", folder / ("partial-partial.yaml" if name == "partial" else f"{name}.yaml")
-    done = run.execute(run.Job(system("localize-partial"), Params(**params), [log], map=grid, initial=Initial(initial)))
+    done = loop.execute(
+        loop.Job(system("localize-partial"), Params(**params), [log], map=grid, initial=Initial(initial))
+    )
     truth = list(Log(log).events(["truth"]))
     at, true = np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
-    return done, metrics.interpolate(done.result.track.stamps_ns, at, true)
+    return done, track_error.interpolate(done.result.track.stamps_ns, at, true)
 
 
 def test_a_robot_that_was_said_to_be_outside_is_found_in_the_map_within_four_metres() -> None:
@@ -567,7 +577,7 @@ def test_without_the_outside_likelihood_scans_leave_class_1_alone(carried: float
     for k in range(12):
         reading = _reading(0.0, _seen_from(2.0, 1.5))
         past = (Past(np.zeros(3), *reading[2:5], 0.0),) * 5
-        before = corrected.update(before, reading._replace(stamp_ns=k, past=past), assets, params, Draw(0))
+        before = update_corrected.update(before, reading._replace(stamp_ns=k, past=past), assets, params, Draw(0))
         assert before.b.sum() == pytest.approx(1.0)
     assert before.b[1] == pytest.approx(0.7, abs=1e-9)
 

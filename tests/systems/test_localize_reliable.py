@@ -9,21 +9,23 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pfcli import align, run
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Pose2
 from pfcli.formats import map_yaml
-from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.registry import system
-from pfcli.replay import Log
-from pfcli.systems.localize_reliable import decision, sampler, start
-from pfcli.systems.localize_reliable.assets import load, model_of, view_of
-from pfcli.systems.localize_reliable.decision import Classifier, View
+from pfcli.replay import align
+from pfcli.replay.log import Log
+from pfcli.runs import loop
+from pfcli.systems.localize_reliable import first_particles as start
+from pfcli.systems.localize_reliable import global_sampler, success_decision
+from pfcli.systems.localize_reliable.map_models import load, model_of, view_of
+from pfcli.systems.localize_reliable.misalignment import _posteriors, misaligned_share
 from pfcli.systems.localize_reliable.params import Params
-from pfcli.systems.localize_reliable.protection import protection_level_m, radius_of, surface_variance
-from pfcli.systems.localize_reliable.records import Records
-from pfcli.systems.localize_reliable.residuals import _posteriors, misaligned_share
+from pfcli.systems.localize_reliable.protection_level import protection_level_m, radius_of, surface_variance
+from pfcli.systems.localize_reliable.run_tables import Records
+from pfcli.systems.localize_reliable.success_decision import Classifier, View
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
@@ -35,9 +37,9 @@ def test_the_kernel_density_has_mass_one() -> None:
     poses = np.array([[0.0, 0.0, 3.1], [0.2, 0.1, -3.1]])
     xy, turn = np.arange(-0.6, 0.8, 0.04), np.linspace(-np.pi, np.pi, 180, endpoint=False)
     at = np.stack(np.meshgrid(xy, xy, turn), axis=-1).reshape(-1, 3)
-    found = sampler.density(at, poses, np.array([0.3, 0.7]), 0.1, 0.1)
+    found = global_sampler.density(at, poses, np.array([0.3, 0.7]), 0.1, 0.1)
     assert found.sum() * 0.04**2 * 2 * np.pi / 180 == pytest.approx(1.0, abs=2e-3)
-    peak = sampler.density(np.zeros((1, 3)), np.zeros((1, 3)), np.ones(1), 0.1, 0.1)[0]
+    peak = global_sampler.density(np.zeros((1, 3)), np.zeros((1, 3)), np.ones(1), 0.1, 0.1)[0]
     assert peak == pytest.approx((2 * np.pi) ** -1.5 / 0.1**3)
 
 
@@ -46,19 +48,19 @@ def test_global_samples_are_weighed_by_prediction_over_proposal() -> None:
     rng = np.random.default_rng(1)
     poses = rng.normal(0, [0.3, 0.3, 0.1], (2000, 3))
     samples = rng.normal(0, [0.3, 0.3, 0.1], (1500, 3))
-    log = sampler.log_importance(samples, poses, np.full(2000, 1 / 2000), 1e-9, 1000.0, np.zeros(1500))
+    log = global_sampler.log_importance(samples, poses, np.full(2000, 1 / 2000), 1e-9, 1000.0, np.zeros(1500))
     assert abs(np.log(2.0 * np.mean(np.exp(log)))) < 0.1
-    assert np.mean(sampler.halved(poses, samples) == np.log(0.5)) > 0.99
-    assert (sampler.halved(poses + np.array([20.0, 0.0, 0.0]), samples) == 0.0).all()
-    assert (sampler.halved(poses + np.array([0.0, 0.0, 1.5]), samples) == 0.0).all()
-    far = sampler.log_importance(
+    assert np.mean(global_sampler.halved(poses, samples) == np.log(0.5)) > 0.99
+    assert (global_sampler.halved(poses + np.array([20.0, 0.0, 0.0]), samples) == 0.0).all()
+    assert (global_sampler.halved(poses + np.array([0.0, 0.0, 1.5]), samples) == 0.0).all()
+    far = global_sampler.log_importance(
         samples + np.array([20.0, 0.0, 0.0]), poses, np.full(2000, 1 / 2000), 1e-6, 1000.0, np.ones(1500)
     )
     assert far == pytest.approx(1.0 + np.log(1e-6 / (1000 * 2 * np.pi)) - np.log(_own(samples)), abs=1e-6)
 
 
 def _own(samples: np.ndarray) -> np.ndarray:
-    return np.asarray(sampler.density(samples, samples, np.full(len(samples), 1 / len(samples)), 0.1, 0.05))
+    return np.asarray(global_sampler.density(samples, samples, np.full(len(samples), 1 / len(samples)), 0.1, 0.05))
 
 
 def test_a_terrible_residual_never_becomes_no_evidence() -> None:
@@ -67,7 +69,7 @@ def test_a_terrible_residual_never_becomes_no_evidence() -> None:
 
     found = Classifier(np.array([-2.0, 1.0, -60.0]), 0.5, 0.9, (61.0, 3.0, 30.0))
     worse = [
-        decision.log_ratio(Fit(np.zeros(1), np.array([mae]), np.array([hits]), np.array([through])), found)[0]
+        success_decision.log_ratio(Fit(np.zeros(1), np.array([mae]), np.array([hits]), np.array([through])), found)[0]
         for mae, hits, through in ((0.02, 0.95, 0.0), (0.3, 0.5, 0.05), (5.0, 0.0, 1.0), (1e3, 0.0, 1.0))
     ]
     assert worse == sorted(worse, reverse=True)
@@ -76,16 +78,17 @@ def test_a_terrible_residual_never_becomes_no_evidence() -> None:
 
 @pytest.fixture(scope="module")
 def learnt() -> tuple[Classifier, str]:
-    from pfcli import registry, run
+    from pfcli import registry
     from pfcli.params import build
-    from pfcli.systems.localize_reliable import assets
+    from pfcli.runs import loop
+    from pfcli.systems.localize_reliable import map_models as assets
 
     system = registry.system("localize-reliable")
     params = build(system.params, {}, "test")
-    place = assets.load(params, run.Job(system, params, [], map=SAMPLES / "kidnapped.yaml"))
+    place = assets.load(params, loop.Job(system, params, [], map=SAMPLES / "kidnapped.yaml"))
     model = assets.model_of(params, 30.0)
     rng = np.random.default_rng(0)
-    return decision.learn(place.free_xy, place.field, model, VIEW, rng, 800), place.digest
+    return success_decision.learn(place.free_xy, place.field, model, VIEW, rng, 800), place.digest
 
 
 def test_the_decision_is_learnt_from_the_map_and_holds_on_poses_that_were_kept_back(
@@ -103,16 +106,16 @@ def test_a_classifier_survives_its_file_and_no_other_map_or_sensor(
 ) -> None:
     found, digest = learnt
     path = tmp_path / "c.json"
-    decision.save(path, found, digest)
-    again = decision.load(path, digest, VIEW)
+    success_decision.save(path, found, digest)
+    again = success_decision.load(path, digest, VIEW)
     assert np.array_equal(again.slope, found.slope)
     with pytest.raises(UsageError, match="another map"):
-        decision.load(path, "x" * 64, VIEW)
+        success_decision.load(path, "x" * 64, VIEW)
     with pytest.raises(UsageError, match="31 over"):
-        decision.load(path, digest, VIEW._replace(angles=np.linspace(-1, 1, 31)))
+        success_decision.load(path, digest, VIEW._replace(angles=np.linspace(-1, 1, 31)))
     path.write_text("{}")
     with pytest.raises(LogError, match="no classifier"):
-        decision.load(path, digest, VIEW)
+        success_decision.load(path, digest, VIEW)
 
 
 def test_the_chain_over_residuals_equals_the_sum_over_all_class_paths() -> None:
@@ -165,20 +168,20 @@ def test_what_is_learnt_of_a_map_is_kept_and_the_same_either_way(
 ) -> None:
     """Found in the cache, learnt anew, beside a damaged file, or where nothing can be kept: the same decision."""
     monkeypatch.setenv("PFCLI_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(decision.learn, "__defaults__", (40,))
+    monkeypatch.setattr(success_decision.learn, "__defaults__", (40,))
     place = SAMPLES / "kidnapped.yaml"
-    job = run.Job(system("localize-reliable"), Params(), [], 0, map=place, initial=Initial("inside"))
+    job = loop.Job(system("localize-reliable"), Params(), [], 0, map=place, initial=Initial("inside"))
     assets = load(Params(), job)
     sweep = next(iter(align.bare(Log(SAMPLES / "kidnapped.mcap").events(["scan"]))))
     model = model_of(Params(), 30.0)
     learnt = start.classifier_for(sweep, model, assets, Params())
     (file,) = (tmp_path / "cache" / "classifiers").iterdir()
     with monkeypatch.context() as only_kept:
-        only_kept.setattr(decision, "learn", None)
+        only_kept.setattr(success_decision, "learn", None)
         assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
     file.write_text("{")
     assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
-    assert _same(decision.load(file, assets.digest, view_of(sweep, Params())), learnt)
+    assert _same(success_decision.load(file, assets.digest, view_of(sweep, Params())), learnt)
     start.classifier_for(sweep, model._replace(sigma_m=0.1), assets, Params())
     assert len(list(file.parent.iterdir())) == 2
     (tmp_path / "file").write_text("")
@@ -199,11 +202,11 @@ def test_neither_a_larger_residual_nor_fewer_hits_speak_for_success(good_mae: fl
     through = rng.exponential(0.02, (800, 2))
     good = np.column_stack([pairs[:400, 0] + good_mae, pairs[:400, 1] + good_hits, through[:400, 0]])
     bad = np.column_stack([pairs[400:, 0] + 0.25, pairs[400:, 1] + 0.25, 3.0 * through[400:, 1]])
-    found = decision._separate(good, bad, VIEW)
+    found = success_decision._separate(good, bad, VIEW)
     assert found.slope[0] <= 0.0 <= found.slope[1]
     assert found.slope[2] < 0.0
     assert found.accuracy > 0.5
-    backwards = decision._separate(
+    backwards = success_decision._separate(
         np.column_stack([good[:, :2], bad[:, 2]]), np.column_stack([bad[:, :2], good[:, 2]]), VIEW
     )
     assert backwards.slope[2] <= 0.0

@@ -10,9 +10,9 @@ from pfcli.core.sensor import class_conditional as cc
 from pfcli.events import Pose2
 from pfcli.events import Scan as LaserScan
 from pfcli.params import build
-from pfcli.systems.localize_reliable import key_scans, proposal, weigh
-from pfcli.systems.localize_reliable.cloud import Cloud
+from pfcli.systems.localize_reliable import key_scans, match_proposal, scan_weights
 from pfcli.systems.localize_reliable.params import Params
+from pfcli.systems.localize_reliable.particle_set import Cloud
 
 MODEL = cc.Model(0.05, 0.98, 0.02, 0.5, 0.2, 20.0, 1.0, 0.15)
 TURN = np.linspace(-np.pi / 2, np.pi / 2, 61)
@@ -88,7 +88,7 @@ def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
 
     gained = mass(log_w + log, ~believed) - mass(log_w, ~believed) - mass(log_w + log, believed) + mass(log_w, believed)
     for worth, top in ((0.0, 9.0), (0.3, 9.0), (1.0, 9.0), (1.0, 0.1)):
-        after = weigh.rivalry(particles, all_of_it, log, worth, top)
+        after = scan_weights.rivalry(particles, all_of_it, log, worth, top)
         now = mass(after, ~believed) - mass(after, believed)
         before = mass(log_w, ~believed) - mass(log_w, believed)
         assert now - before == pytest.approx(np.clip(worth * gained, -top, top))
@@ -117,8 +117,8 @@ def test_particles_around_a_match_take_their_mass_from_those_they_join(field: cc
     params = build(Params, {"match_samples": 4000}, "test")
     assets = SimpleNamespace(field=field)
     key = _key(field, true)
-    reading = weigh.Reading(0, key.scan, key.scan, key, [], MODEL, 0.2, False)
-    after = weigh.matched(particles, reading, assets, params, rng)  # type: ignore[arg-type]
+    reading = scan_weights.Reading(0, key.scan, key.scan, key, [], MODEL, 0.2, False)
+    after = scan_weights.matched(particles, reading, assets, params, rng)  # type: ignore[arg-type]
     w = np.exp(after.log_w)
     assert w[~after.believed].sum() == pytest.approx(0.2)
     spread = w[500:].std() * np.sqrt(4000)
@@ -150,8 +150,8 @@ def test_the_match_finds_where_the_scan_was_taken(field: cc.Field) -> None:
     true = np.array([2.6, 1.2, 0.4])
     scan = _scan(field, true)
     for off in ([0.15, -0.1, 0.06], [-0.2, 0.1, -0.05], [0.0, 0.0, 0.1]):
-        around = proposal.Gaussian(true + off, np.diag([0.05, 0.05, 0.02]) ** 2)
-        found = proposal.match(around, scan, field, MODEL, 0.2)
+        around = match_proposal.Gaussian(true + off, np.diag([0.05, 0.05, 0.02]) ** 2)
+        found = match_proposal.match(around, scan, field, MODEL, 0.2)
         assert np.hypot(*(found.mean - true)[:2]) < 0.025  # half a cell
         assert abs(found.mean[2] - true[2]) < np.radians(0.5)
         assert np.linalg.eigvalsh(found.cov).min() > 0.0
@@ -159,9 +159,9 @@ def test_the_match_finds_where_the_scan_was_taken(field: cc.Field) -> None:
 
 def test_samples_around_a_match_are_weighed_by_prediction_over_proposal() -> None:
     """The weights average to the mass of the prediction, and give its mean back, wherever the proposal lies."""
-    around = proposal.Gaussian(np.array([1.0, 2.0, 0.1]), np.diag([0.1, 0.08, 0.05]) ** 2)
-    found = proposal.Gaussian(np.array([1.05, 1.98, 0.12]), np.diag([0.08, 0.08, 0.05]) ** 2)
-    pose, importance = proposal.draw(around, found, 20_000, 1e-9, np.random.default_rng(3))
+    around = match_proposal.Gaussian(np.array([1.0, 2.0, 0.1]), np.diag([0.1, 0.08, 0.05]) ** 2)
+    found = match_proposal.Gaussian(np.array([1.05, 1.98, 0.12]), np.diag([0.08, 0.08, 0.05]) ** 2)
+    pose, importance = match_proposal.draw(around, found, 20_000, 1e-9, np.random.default_rng(3))
     w = np.exp(importance)
     error = w.std() / np.sqrt(w.size)
     assert w.mean() == pytest.approx(1.0, abs=5 * error)

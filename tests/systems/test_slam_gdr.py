@@ -5,29 +5,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import run
+from pfcli.core.evaluation import map_quality, se2, track_error
 from pfcli.core.geometry import between, compose
+from pfcli.core.graph.pose_graph import Edges
 from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import beams_of, points_of
-from pfcli.core.pose_graph import Edges
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay import Log, Settings
-from pfcli.report import metrics
-from pfcli.simulate.laser import cast
-from pfcli.systems.result import Frame
-from pfcli.systems.slam_gdr import smooth
+from pfcli.replay.log import Log, Settings
+from pfcli.runs import loop
+from pfcli.simulation.laser import cast
+from pfcli.systems.shared.result import Frame
+from pfcli.systems.slam_gdr import path_smoother
 from pfcli.systems.slam_gdr.filter import _moved, _setup
-from pfcli.systems.slam_gdr.kernels import coalesced, covariance, sample_proposal, trace
 from pfcli.systems.slam_gdr.params import Params
+from pfcli.systems.slam_gdr.proposal_kernels import coalesced, covariance, sample_proposal, trace
 from tests.conftest import SAMPLES
 
 SLAM = system("slam-gdr")
 
 
-def _job(seed: int = 0, end_s: float | None = None, **params: object) -> run.Job:
+def _job(seed: int = 0, end_s: float | None = None, **params: object) -> loop.Job:
     log = SAMPLES / "small-loop.mcap"
-    return run.Job(SLAM, build(SLAM.params, params, "test"), [log], seed, Settings(end_s=end_s), truth="auto")
+    return loop.Job(SLAM, build(SLAM.params, params, "test"), [log], seed, Settings(end_s=end_s), truth="auto")
 
 
 def test_the_proposal_has_the_covariance_of_the_match() -> None:
@@ -53,7 +53,7 @@ def test_ancestry_is_traced_and_its_common_part_counted() -> None:
 def test_the_past_that_all_share_is_kept_once_and_as_it_was(n: int) -> None:
     """Against the whole history of every particle, for particles that die out at random."""
     from pfcli.events import Pose2, Scan, Sweep
-    from pfcli.systems.slam_gdr.history import History
+    from pfcli.systems.slam_gdr.ancestry import History
 
     rng, updates = np.random.default_rng(4), 400
     kept, poses, parents = History(), [], []
@@ -80,7 +80,7 @@ def test_weights_do_not_change_sharpness_with_the_number_of_particles() -> None:
     """The evidence of an update is a property of scan and map; its spread over particles must not depend on N."""
     shares = []
     for n in (10, 40):
-        infos = run.execute(_job(end_s=40, particles=n, resampler="systematic", resample_threshold=0.0)).infos
+        infos = loop.execute(_job(end_s=40, particles=n, resampler="systematic", resample_threshold=0.0)).infos
         shares.append(np.mean([i.n_eff / n for i in infos[-20:]]))
     assert shares[1] == pytest.approx(shares[0], rel=0.35)
 
@@ -88,7 +88,7 @@ def test_weights_do_not_change_sharpness_with_the_number_of_particles() -> None:
 @pytest.mark.parametrize("resampler", ["gdr", "csw", "systematic", "stratified"])
 @pytest.mark.parametrize("variant", ["paper", "corrected"])
 def test_every_resampler_and_variant_maps_the_loop(resampler: str, variant: str) -> None:
-    done = run.execute(_job(end_s=60, particles=8, resampler=resampler, variant=variant, evidence_gain=0.1))
+    done = loop.execute(_job(end_s=60, particles=8, resampler=resampler, variant=variant, evidence_gain=0.1))
     assert done.errors is not None
     assert done.errors.summary()["ate_m"] < 0.05
     spread = max(i.offspring_spread_m for i in done.infos)
@@ -96,7 +96,7 @@ def test_every_resampler_and_variant_maps_the_loop(resampler: str, variant: str)
 
 
 def test_every_scan_has_a_pose_and_updates_are_marked() -> None:
-    done = run.execute(_job(end_s=30))
+    done = loop.execute(_job(end_s=30))
     track = done.result.track
     assert track.stamps_ns.size == done.loss.read["scan"]
     assert track.columns["update"].sum() == len(done.infos)
@@ -105,42 +105,42 @@ def test_every_scan_has_a_pose_and_updates_are_marked() -> None:
 
 def test_a_filter_that_ignores_its_scans_is_far_off() -> None:
     """The figures that the golden test compares do tell a broken filter: without matching the error is tens of times larger."""
-    good, blind = (run.execute(job).errors for job in (_job(), _blind()))
+    good, blind = (loop.execute(job).errors for job in (_job(), _blind()))
     assert good is not None
     assert blind is not None
     assert blind.summary()["ate_m"] > 5 * good.summary()["ate_m"]
 
 
-def _blind() -> run.Job:
+def _blind() -> loop.Job:
     return _job(beam_gain=1e-4, rescue_inliers=0.0, coarse_xy_m=0.01, coarse_yaw_deg=0.5)
 
 
 def test_memory_is_flat_when_the_same_place_is_driven_twice() -> None:
     """The second lap of the sample adds few tiles to those of the first."""
-    infos = run.execute(_job()).infos
+    infos = loop.execute(_job()).infos
     half = len(infos) // 2
     assert infos[-1].tiles < 1.5 * infos[half].tiles
 
 
 def test_one_particle_works() -> None:
-    done = run.execute(_job(end_s=40, particles=1))
+    done = loop.execute(_job(end_s=40, particles=1))
     assert done.errors is not None
     assert done.errors.summary()["ate_m"] < 0.05
 
 
 @pytest.fixture(scope="module")
-def smoothed() -> tuple[run.Run, tuple[smooth.Log, np.ndarray, Setup]]:
+def smoothed() -> tuple[loop.Run, tuple[path_smoother.Log, np.ndarray, Setup]]:
     """A run with --smooth, and what it handed to the smoother."""
-    kept: list[tuple[smooth.Log, np.ndarray, Setup]] = []
-    whole = smooth.smooth
+    kept: list[tuple[path_smoother.Log, np.ndarray, Setup]] = []
+    whole = path_smoother.smooth
 
-    def watched(log: smooth.Log, path: np.ndarray, setup: Setup) -> smooth.Smoothed:
+    def watched(log: path_smoother.Log, path: np.ndarray, setup: Setup) -> path_smoother.Smoothed:
         kept.append((log, path, setup))
         return whole(log, path, setup)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(smooth, "smooth", watched)
-        done = run.execute(_job(seed=1, smooth=True))
+        patch.setattr(path_smoother, "smooth", watched)
+        done = loop.execute(_job(seed=1, smooth=True))
     return done, kept[0]
 
 
@@ -154,10 +154,10 @@ def test_smoothing_finds_the_places_again_and_the_odometry_true(smoothed: Any) -
     assert done.errors is not None
     assert done.errors.summary()["ate_m"] < 0.006
     # the map is drawn anew
-    plain = run.execute(_job(seed=1))
+    plain = loop.execute(_job(seed=1))
     assert done.result.grid is not None
     assert plain.result.grid is not None
-    assert metrics.doubled_walls(done.result.grid) <= metrics.doubled_walls(plain.result.grid) + 0.02
+    assert map_quality.doubled_walls(done.result.grid) <= map_quality.doubled_walls(plain.result.grid) + 0.02
 
 
 def test_frames_move_with_the_poses_of_their_updates() -> None:
@@ -179,10 +179,10 @@ def test_a_bent_path_is_straightened_by_what_the_robot_came_back_to(smoothed: An
         step = between(path[k : k + 1], path[k + 1 : k + 2]) + np.array([0.002, 0.0, 0.0005])
         bent[k + 1] = compose(bent[k : k + 1], step)[0]
     ate = []
-    found = smooth.smooth(log, bent, setup).path
+    found = path_smoother.smooth(log, bent, setup).path
     assert found is not None
     for candidate in (bent, found.poses):
-        moved = metrics.compose(metrics.align_se2(candidate, straight)[None], candidate)
+        moved = se2.compose(track_error.align_se2(candidate, straight)[None], candidate)
         ate.append(float(np.sqrt(((moved - straight)[:, :2] ** 2).sum(axis=1).mean())))
     assert ate[0] > 0.1
     assert ate[1] < 0.005
@@ -197,7 +197,7 @@ def test_smoothed_covariances_say_how_far_off_the_track_is(smoothed: Any) -> Non
     assert len(sd) == len(path)
     assert sd[0] == 0.0
     truth = list(Log(SAMPLES / "small-loop.mcap").events(["truth"]))
-    there = metrics.interpolate(
+    there = track_error.interpolate(
         done.result.track.stamps_ns[at], np.array([e.stamp_ns for e in truth]), np.array([e[1:4] for e in truth])
     )
     known = np.isfinite(there[:, 0])
@@ -210,14 +210,14 @@ def test_smoothed_covariances_say_how_far_off_the_track_is(smoothed: Any) -> Non
 def test_a_path_that_explains_the_scans_better_is_kept(smoothed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Here because closures come out wrong by a metre."""
     _, (log, path, setup) = smoothed
-    right = smooth._closures
+    right = path_smoother._closures
 
     def wrong(*args: Any) -> Edges:
         edges = right(*args)
         return edges._replace(measured=edges.measured + np.array([1.0, 0.5, 0.0]))
 
-    monkeypatch.setattr(smooth, "_closures", wrong)
-    assert smooth.smooth(log, path, setup).path is None
+    monkeypatch.setattr(path_smoother, "_closures", wrong)
+    assert path_smoother.smooth(log, path, setup).path is None
 
 
 def test_the_graph_is_told_along_and_across_the_way_whatever_the_heading() -> None:
@@ -228,7 +228,7 @@ def test_the_graph_is_told_along_and_across_the_way_whatever_the_heading() -> No
     setup = _setup(Params())
     setup = setup._replace(matcher=setup.matcher._replace(map_normals=True, tangent=0.0))
     for heading in (0.0, np.pi / 2):
-        log, at = smooth.Log(), np.zeros(3)
+        log, at = path_smoother.Log(), np.zeros(3)
         # the chain begins along its x axis: the robot first turns on the spot, in a corridor that lies across
         turns = [np.array([0.0, 0.0, heading / 6])] * (6 if heading else 0)
         for step in (None, *turns, *([np.array([0.25, 0.0, 0.0])] * 40)):
@@ -240,7 +240,7 @@ def test_the_graph_is_told_along_and_across_the_way_whatever_the_heading() -> No
             log.add(beams_of(ends, (0.0, 0.0, 0.0)), step)
         steps = np.array(log.steps)
         way = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2]))])
-        chain = smooth._chained(log, steps, setup.noise, way, setup)
+        chain = path_smoother._chained(log, steps, setup.noise, way, setup)
         assert abs(chain.poses[-1, 2] - heading) < 0.01
         along, across = np.median(chain.edges.information[-20:, [0, 1], [0, 1]], axis=0)
         assert 100 < along < 3000 < 10_000 < across
@@ -250,14 +250,14 @@ def test_what_a_match_does_not_tell_stays_untold() -> None:
     """Along a plain wall, at any angle to the axes, and where a little less than nothing is left of it."""
     turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1.0]])
     for along in (0.0, -5.0):
-        told = smooth._softened((turn @ np.diag([along, 1e4, 1e5]) @ turn.T)[None], (0.02, 0.02, 0.003))[0]
+        told = path_smoother._softened((turn @ np.diag([along, 1e4, 1e5]) @ turn.T)[None], (0.02, 0.02, 0.003))[0]
         assert np.linalg.eigvalsh(told).min() > 0
         expected = turn @ np.diag([1e-3, 1 / (1e-4 + 0.0004), 1 / (1e-5 + 9e-6)]) @ turn.T
         assert np.allclose(told, expected, rtol=1e-3, atol=1e-2)
-    assert smooth._softened(np.zeros((0, 3, 3)), (1.0, 1.0, 1.0)).shape == (0, 3, 3)
+    assert path_smoother._softened(np.zeros((0, 3, 3)), (1.0, 1.0, 1.0)).shape == (0, 3, 3)
 
 
 def test_smoothing_needs_no_second_update() -> None:
-    done = run.execute(_job(end_s=0.3, smooth=True))
+    done = loop.execute(_job(end_s=0.3, smooth=True))
     assert done.result.summary["closures"] == 0
     assert np.isfinite(done.result.track.poses).all()

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfcli import run, vision
 from pfcli.core.geometry import between, compose
+from pfcli.dropped import Loss
 from pfcli.errors import LogError
 from pfcli.events import Landmarks, Odometry
-from pfcli.formats import landmark_csv, landmarklogs
+from pfcli.formats import landmark_csv, landmark_logs
 from pfcli.formats.log_writer import LogWriter
-from pfcli.loss import Loss
 from pfcli.registry import system
-from pfcli.simulate import landmarks as simulated
+from pfcli.replay import vision
+from pfcli.runs import loop
+from pfcli.simulation import landmark_world as simulated
 from pfcli.systems.slam_landmarks import filter as slam_filter
-from pfcli.systems.slam_landmarks import smooth
+from pfcli.systems.slam_landmarks import landmark_smoother
 from pfcli.systems.slam_landmarks.params import Params
 
 SLAM = system("slam-gdr-landmarks")
@@ -36,12 +37,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def played(log: Path, seed: int = 0, **given: Any) -> run.Run:
+def played(log: Path, seed: int = 0, **given: Any) -> loop.Run:
     params: dict[str, Any] = simulated.NOISE | {"rejuvenate_steps": 25} | given  # seldom, for speed
-    return run.execute(run.Job(SLAM, Params(**params), [log], seed, truth="auto"))
+    return loop.execute(loop.Job(SLAM, Params(**params), [log], seed, truth="auto"))
 
 
-def off(ran: run.Run) -> float:
+def off(ran: loop.Run) -> float:
     """RMSE of the positions without alignment: the start is known."""
     truth = [now.truth for now in simulated.play(WORLD, 3) if now.seen is not None and now.seen.size]
     return float(np.sqrt(np.mean(np.square(ran.result.track.poses[:, :2] - np.array(truth)[:, :2]).sum(axis=1))))
@@ -85,7 +86,7 @@ def test_landmarks_are_where_they_are_within_what_their_covariance_allows(log: P
     assert np.median(d) < 0.25
 
 
-def problem(seed: int) -> tuple[smooth.Log, np.ndarray, np.ndarray]:
+def problem(seed: int) -> tuple[landmark_smoother.Log, np.ndarray, np.ndarray]:
     """Ten poses and three landmarks, measured with noise."""
     rng = np.random.default_rng(seed)
     marks = np.array([[3.0, 2.0], [5.0, -2.0], [8.0, 3.0]])
@@ -102,7 +103,9 @@ def problem(seed: int) -> tuple[smooth.Log, np.ndarray, np.ndarray]:
     )
     z[:, 1] = np.remainder(z[:, 1] + np.pi, 2 * np.pi) - np.pi
     return (
-        smooth.Log(step, np.tile([0.05, 0.05, 0.02, 0.3], (9, 1)), at, of, z, np.tile([0.05, 0.01], (30, 1))),
+        landmark_smoother.Log(
+            step, np.tile([0.05, 0.05, 0.02, 0.3], (9, 1)), at, of, z, np.tile([0.05, 0.01], (30, 1))
+        ),
         true,
         marks,
     )
@@ -112,11 +115,11 @@ def test_the_smoother_finds_the_optimum_of_a_general_solver() -> None:
     from scipy.optimize import minimize
 
     log, true, marks = problem(0)
-    found = smooth.solve(log, true, marks)
+    found = landmark_smoother.solve(log, true, marks)
 
     def cost(p: np.ndarray) -> float:
         track = np.vstack([true[:1], p[:27].reshape(9, 3)])
-        return smooth._cost(track, p[27:].reshape(3, 2), smooth.no_scales(), log)
+        return landmark_smoother._cost(track, p[27:].reshape(3, 2), landmark_smoother.no_scales(), log)
 
     start = np.concatenate([true[1:].ravel(), marks.ravel()])
     best = minimize(cost, start, method="L-BFGS-B", options={"maxiter": 2000, "maxfun": 200_000}).fun
@@ -129,28 +132,31 @@ def test_scales_are_found_where_landmarks_tell_them(fixed: bool) -> None:
     longer way look the same."""
     log, true, marks = problem(1)
     log = log._replace(z=log.z * [1.04, 1.0], step=log.step * [1.0, 1.0, 1.08])
-    options = smooth.Options(fixed=fixed, calibrate=True)
-    found = smooth.solve(log, true, marks, None, options)
-    plain = smooth.solve(log, true, marks, None, smooth.Options(fixed=fixed))
+    options = landmark_smoother.Options(fixed=fixed, calibrate=True)
+    found = landmark_smoother.solve(log, true, marks, None, options)
+    plain = landmark_smoother.solve(log, true, marks, None, landmark_smoother.Options(fixed=fixed))
     assert found.cost <= plain.cost
     assert found.scales[3] == pytest.approx(0.08, abs=0.05)
     if fixed:
         assert found.scales[0] == pytest.approx(0.04, abs=0.01)
-    seen, step = smooth.corrected(log.z, log.step, np.array([0.04, 0.0, 0.0, 0.08]))
+    seen, step = landmark_smoother.corrected(log.z, log.step, np.array([0.04, 0.0, 0.0, 0.08]))
     assert np.allclose(seen[:, 0] * 1.04, log.z[:, 0])
     assert np.allclose(step[:, 2] * 1.08, log.step[:, 2])
 
 
-@pytest.mark.parametrize("options", [smooth.Options(), smooth.Options(True, True), smooth.Options(False, True)])
-def test_jacobians_of_the_smoother_are_the_differences(options: smooth.Options) -> None:
+@pytest.mark.parametrize(
+    "options",
+    [landmark_smoother.Options(), landmark_smoother.Options(True, True), landmark_smoother.Options(False, True)],
+)
+def test_jacobians_of_the_smoother_are_the_differences(options: landmark_smoother.Options) -> None:
     log, track, marks = problem(3)
     now = track, marks, np.array([0.02, -0.03, 0.04, 0.05])
-    pattern = smooth._pattern(log, 3, options)
+    pattern = landmark_smoother._pattern(log, 3, options)
     size = log.step.shape[0], log.at.size
 
     def residual(move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, out = np.empty(24 * size[0] + 14 * size[1]), np.empty(3 * size[0] + 2 * size[1])
-        smooth._rows(*smooth._moved(now, move, pattern), tuple(log), value, out, 0.0)
+        landmark_smoother._rows(*landmark_smoother._moved(now, move, pattern), tuple(log), value, out, 0.0)
         return out, value
 
     base, value = residual(np.zeros(pattern.size))
@@ -179,7 +185,7 @@ def test_two_short_steps_are_as_uncertain_as_a_long_one(pivot_m: float) -> None:
     assert np.allclose(carried @ cov(3.0) @ carried.T + cov(3.0), cov(6.0), rtol=1e-6, atol=1e-9)
 
 
-def replayed(tmp_path: Path, frames: list[list[tuple[str, float, float]]], **given: Any) -> run.Run:
+def replayed(tmp_path: Path, frames: list[list[tuple[str, float, float]]], **given: Any) -> loop.Run:
     """A robot that stands still; frames: id, range and bearing of what it sees each 0.2 s."""
     path = tmp_path / "still.mcap"
     with LogWriter(path) as out:
@@ -189,7 +195,7 @@ def replayed(tmp_path: Path, frames: list[list[tuple[str, float, float]]], **giv
             ids, ranges, bearings = zip(*frame, strict=True) if frame else ((), (), ())
             unknown = np.full((len(frame), 2), np.nan)
             out.event(Landmarks(stamp, tuple(ids), np.array(ranges), np.array(bearings), unknown))
-    return run.execute(run.Job(SLAM, Params(**given), [path]))
+    return loop.execute(loop.Job(SLAM, Params(**given), [path]))
 
 
 def test_what_cannot_be_is_left_out_counted_and_named(tmp_path: Path) -> None:
@@ -265,7 +271,7 @@ def test_draws_of_the_track_have_the_spread_of_its_errors() -> None:
     squares = []
     for seed in range(60):
         log, true, marks = problem(seed)
-        found = smooth.solve(log, true, marks, draws=200, rng=np.random.default_rng(seed))
+        found = landmark_smoother.solve(log, true, marks, draws=200, rng=np.random.default_rng(seed))
         cov = np.cov(found.draws[:, -1].T)
         assert np.diag(cov) == pytest.approx(np.diag(found.end_cov), rel=5 * math.sqrt(2 / 100))
         e = found.track[-1] - true[-1]
@@ -306,10 +312,10 @@ def test_mrclam_maps_barcodes_and_leaves_robots_and_unknown_codes_out(tmp_path: 
     }
     for name, text in files.items():
         (tmp_path / name).write_text(text)
-    reader = landmarklogs.reader_of(tmp_path / "Robot1_Measurement.dat")
+    reader = landmark_logs.reader_of(tmp_path / "Robot1_Measurement.dat")
     assert reader is not None
     found = reader(tmp_path / "Robot1_Measurement.dat")
-    seen = [e for e in found.events if isinstance(e, landmarklogs.Landmarks)]
+    seen = [e for e in found.events if isinstance(e, landmark_logs.Landmarks)]
     assert [e.ids for e in seen] == [("6",)]
     assert (found.robots, found.unknown, found.broken) == (1, 1, 1)
     assert found.places == {"6": (1.5, -2.0)}
@@ -323,7 +329,7 @@ def test_the_lectures_world_is_read_as_odometry_and_detections(tmp_path: Path) -
     (tmp_path / "sensor_data.dat").write_text(
         "ODOMETRY 0 1 0\nSENSOR 1 1.4 0.7\nODOMETRY 1.5707963 1 0\nSENSOR 1 1 0\n"
     )
-    found = landmarklogs.stachniss(tmp_path / "sensor_data.dat")
-    last = [e for e in found.events if isinstance(e, landmarklogs.Odometry)][-1]
+    found = landmark_logs.stachniss(tmp_path / "sensor_data.dat")
+    last = [e for e in found.events if isinstance(e, landmark_logs.Odometry)][-1]
     assert (last.x_m, last.y_m) == pytest.approx((1.0, 1.0), abs=1e-6)
     assert last.yaw_rad == pytest.approx(math.pi / 2, abs=1e-6)

@@ -15,20 +15,21 @@ from pfcli.core import estimate
 from pfcli.core.geometry import between, compose
 from pfcli.core.motion import odometry, wheels
 from pfcli.core.resample import multinomial, systematic
-from pfcli.core.sensor import compass, landmarks
+from pfcli.core.sensor import compass
+from pfcli.core.sensor import known_landmarks as landmarks
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Rolling, Sighting
 from pfcli.formats import field_yaml
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
-from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.fuse_soccer import propose, start
-from pfcli.systems.fuse_soccer.assets import Assets, View, load, view_of
+from pfcli.systems.fuse_soccer import line_proposal, start_on_field
+from pfcli.systems.fuse_soccer.field_assets import Assets, View, load, view_of
 from pfcli.systems.fuse_soccer.params import Params
-from pfcli.systems.fuse_soccer.weigh import Belief, Heard, choose_side, of_missed, turned, weigh
-from pfcli.systems.pace import step_noise
-from pfcli.systems.result import Result
-from pfcli.systems.track import TrackKeeper
+from pfcli.systems.fuse_soccer.sighting_likelihood import Belief, Heard, choose_side, of_missed, turned, weigh
+from pfcli.systems.shared.frame_keeper import FrameKeeper
+from pfcli.systems.shared.motion_gate import step_noise
+from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.track_keeper import TrackKeeper
 
 _CERTAIN, _CERTAIN_M = 0.8, 0.3
 _FADING = 0.2
@@ -132,7 +133,7 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
             yaw, sd = assets.initial.heading
             heard = Heard(yaw + sighting.odometry[2] - state.begun_yaw_rad, sd, 1.0)
         rng = draw(Purpose.INIT, sighting.stamp_ns)
-        state = state._replace(belief=start.scatter(view, heard, assets, params, rng))
+        state = state._replace(belief=start_on_field.scatter(view, heard, assets, params, rng))
     else:
         state, glance = _move(state, glance, assets, params, draw)
     belief = state.belief._replace(log_w=state.belief.log_w - normalize(state.belief.log_w)[1])
@@ -156,7 +157,7 @@ def _move(state: State, glance: _Glance, assets: Assets, params: Params, draw: D
         return state, glance._replace(slip_m=slip)
     count = round(params.refine * params.particles)
     at = compose(state.pose[None], moved[None])[0]
-    belief, surprise = propose.beside(state.belief, at, glance.view, assets, count, rng)
+    belief, surprise = line_proposal.beside(state.belief, at, glance.view, assets, count, rng)
     refined = belief.pose.shape[0] - state.belief.pose.shape[0]
     stretch = _stretched(state.stretch, surprise) if params.adapt else 1.0
     glance = glance._replace(slip_m=slip, surprise=surprise, refined=refined)
@@ -173,11 +174,11 @@ def _look_around_if_lost(
     if not first:
         now, best = (old + _FADING * (new - old) for old, new in zip(state.fit, (now, best), strict=True))
     rested = not state.injected_ns or stamp_ns - state.injected_ns[-1] >= _REST_NS
-    if first or now >= params.lost_fit * best or not rested or not propose.tells(glance.view):
+    if first or now >= params.lost_fit * best or not rested or not line_proposal.tells(glance.view):
         return state._replace(fit=(now, best)), glance
     # what held at the start need not hold now
     rng = draw(Purpose.INJECT, stamp_ns)
-    found = start.anywhere(glance.view, glance.heard, assets, params, params.particles, rng)
+    found = start_on_field.anywhere(glance.view, glance.heard, assets, params, params.particles, rng)
     found = weigh(found, glance.view, glance.heard, assets, params)
     state.injected_ns.append(stamp_ns)
     both = Belief(
@@ -243,7 +244,7 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     forgotten = params.side_fade_per_s * glance.seconds
     belief, mirror_p = choose_side(state.belief, float(shown), weights, forgotten, glance.surprise > _WILD)
     pose = belief.pose
-    found = estimate.densest(pose, weights, propose.MODE_M, propose.MODE_RAD)
+    found = estimate.densest(pose, weights, line_proposal.MODE_M, line_proposal.MODE_RAD)
     if params.estimate == "best" or params.variant == "paper":
         found = found._replace(pose=pose[int(np.argmax(weights))].copy())
     sd_m, sd_yaw = float(np.sqrt(found.cov[0, 0] + found.cov[1, 1])), float(np.sqrt(found.cov[2, 2]))
@@ -262,7 +263,7 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
         t_ns=sighting.stamp_ns,
         best_log_w=float(belief.log_w.max()),
         mode_share=found.mass,
-        modes=estimate.modes(pose, weights, propose.MODE_M, propose.MODE_RAD),
+        modes=estimate.modes(pose, weights, line_proposal.MODE_M, line_proposal.MODE_RAD),
         mirror_p=mirror_p,
         sd_m=sd_m,
         sd_yaw_rad=sd_yaw,
@@ -296,7 +297,7 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     fresh = pose[chosen]
     if params.variant == "paper" and params.new_share > 0.0:
         new = round(params.new_share * n)
-        fresh[:new] = start.anyhow(new, None, assets, folded=False, rng=rng)
+        fresh[:new] = start_on_field.anyhow(new, None, assets, folded=False, rng=rng)
     return state._replace(belief=Belief(fresh, np.full(n, -np.log(n)), belief.odds[chosen])), info
 
 

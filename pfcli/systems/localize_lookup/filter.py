@@ -23,14 +23,14 @@ from pfcli.formats import map_yaml, range_table_file
 from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
-from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_lookup import start
-from pfcli.systems.localize_lookup.beams import Assets, beams_of, evidence, model_of
+from pfcli.systems.localize_lookup import smc_start
 from pfcli.systems.localize_lookup.params import Params
-from pfcli.systems.pace import step_noise, step_since
-from pfcli.systems.result import Result
-from pfcli.systems.start_cells import start_cells
-from pfcli.systems.track import TrackKeeper
+from pfcli.systems.localize_lookup.reading_beams import Assets, beams_of, evidence, model_of
+from pfcli.systems.shared.frame_keeper import FrameKeeper
+from pfcli.systems.shared.motion_gate import step_noise, step_since
+from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.start_cells import start_cells
+from pfcli.systems.shared.track_keeper import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
 _CERTAIN, _CERTAIN_M = 0.8, 0.3
@@ -124,7 +124,7 @@ def step(
     if beams.turn.size == 0:
         return state, None
     if first:
-        pose, log_w, _ = start.scatter(beams, assets, params, draw(Purpose.INIT, reading.stamp_ns))
+        pose, log_w, _ = smc_start.scatter(beams, assets, params, draw(Purpose.INIT, reading.stamp_ns))
         state = state._replace(pose=pose, log_w=log_w)
     else:
         z = draw(Purpose.MOTION, reading.stamp_ns).standard_normal(state.pose.shape)
@@ -148,7 +148,7 @@ def _look_around_if_lost(
         return state._replace(fit=fit)
     # what held at the start need not hold now: neither its region nor its heading
     whole = assets._replace(start_xy=assets.free_xy, initial=Initial("inside"))
-    found = start.anywhere(beams, whole, params, draw(Purpose.INJECT, stamp_ns))
+    found = smc_start.anywhere(beams, whole, params, draw(Purpose.INJECT, stamp_ns))
     state.looks.append(stamp_ns)
     _, log_sum = normalize(found.log_w)
     fresh = found.log_w - log_sum + found.log_evidence + np.log(params.lost_share)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate, particles
-from pfcli.core.grid import local_history
+from pfcli.core.grid import rolling_grid
+from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.grid.region import region_of
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.grid.tiles import Beams
@@ -19,20 +20,19 @@ from pfcli.core.sensor import likelihood_field
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
-from pfcli.formats.map_yaml import GridMap
 from pfcli.initial import Initial
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
-from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_partial import afterwards, corrected, paper, smooth, unplaced
-from pfcli.systems.localize_partial.belief import Assets, Belief, Past, Reading, in_the_map, share_in_map
-from pfcli.systems.localize_partial.extend import extended
+from pfcli.systems.localize_partial import class_smoother, pose_smoother, relocalise, update_corrected, update_paper
+from pfcli.systems.localize_partial.class_belief import Assets, Belief, Past, Reading, in_the_map, share_in_map
+from pfcli.systems.localize_partial.map_extension import extended
+from pfcli.systems.localize_partial.matched_odometry import CELL_M, Reckoning, reckon
 from pfcli.systems.localize_partial.params import Params
-from pfcli.systems.localize_partial.reckoning import CELL_M, Reckoning, reckon
-from pfcli.systems.pace import step_since
-from pfcli.systems.result import Result
-from pfcli.systems.start_cells import start_cells
-from pfcli.systems.track import TrackKeeper
+from pfcli.systems.shared.frame_keeper import FrameKeeper
+from pfcli.systems.shared.motion_gate import step_since
+from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.start_cells import start_cells
+from pfcli.systems.shared.track_keeper import TrackKeeper
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
 _MOST_BEAMS = 400
@@ -87,13 +87,13 @@ class State(NamedTuple):
     odometry: NDArray[np.float64]
     reckoning: Reckoning
     way_m: float
-    local: local_history.LocalHistory
+    local: rolling_grid.LocalHistory
     track: TrackKeeper
     frames: FrameKeeper
-    history: list[smooth.Step]
+    history: list[class_smoother.Step]
     stamps_ns: list[int]
     past: list[Past]
-    reckoned: list[afterwards.Reckoned]
+    reckoned: list[pose_smoother.Reckoned]
     scans: list[Beams]
 
 
@@ -134,7 +134,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         n = int(min(max(params.particles, area * params.start_density_per_m2), _MOST_STARTS))
         pose = particles.uniform(assets.start_xy, assets.grid.resolution_m / 2, n, rng, assets.initial.heading)
     if kind in ("unknown", "inside") and assets.initial.heading is None and params.variant != "paper":
-        b[0], b[3] = unplaced.MISSED * b[3], (1.0 - unplaced.MISSED) * b[3]
+        b[0], b[3] = relocalise.MISSED * b[3], (1.0 - relocalise.MISSED) * b[3]
     n = pose.shape[0]
     return State(
         pose,
@@ -144,7 +144,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         np.array([first.odometry], np.float64),
         Reckoning(),
         0.0,
-        local_history.empty(),
+        rolling_grid.empty(),
         TrackKeeper(),
         FrameKeeper(),
         [],
@@ -171,13 +171,13 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
         state.scans.append(beams)
     state = state._replace(odometry=now, reckoning=reckoning, way_m=state.way_m + way)
     if reckoning.anew:
-        state = state._replace(local=local_history.empty(), past=[])
+        state = state._replace(local=rolling_grid.empty(), past=[])
     scan = np.ascontiguousarray(points.ends.T, np.float32)
     ends = np.ascontiguousarray(scan[:, :: max(1, -(-scan.shape[1] // params.beams))])
     level = likelihood_field.levels_of(ends, params.sigma_hit_m, params.heading_sd_rad)
     base = _explained(state, ends, level, params)
-    local_history.remember(state.local, reckoning.pose, scan, state.way_m, params.history_m)
-    update = paper.update if params.variant == "paper" else corrected.update
+    rolling_grid.remember(state.local, reckoning.pose, scan, state.way_m, params.history_m)
+    update = update_paper.update if params.variant == "paper" else update_corrected.update
     reading = Reading(moved, first, ends, level, base, sweep.stamp_ns, reckoning.pose, state.past)
     belief = update(Belief(state.pose, state.label, state.weight, state.b), reading, assets, params, draw)
     if len(state.stamps_ns) % _PAST_EVERY == 0:
@@ -202,7 +202,7 @@ def _explained(
     """Evidence that the last metres give to each beam: the map has to do better."""
     if not params.outside_likelihood or params.history_m == 0.0:
         return np.zeros((2, ends.shape[1]), np.float32)
-    away = local_history.explained_m(state.local, state.reckoning.pose, ends, state.way_m, params.history_m)
+    away = rolling_grid.explained_m(state.local, state.reckoning.pose, ends, state.way_m, params.history_m)
     model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
     base = np.maximum(0.0, likelihood_field.log_ratio(away, model, level) - params.history_margin)
     # not seen often enough: a passer-by or the first sight of a wall; half an argument against the map, then none
@@ -224,7 +224,7 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
         found = estimate.whole(belief.pose[~inside], belief.weight[~inside])
     state.track.update(found.pose, found.cov)
     state.stamps_ns.append(sweep.stamp_ns)
-    state.history.append(smooth.Step(belief.transition, b))
+    state.history.append(class_smoother.Step(belief.transition, b))
     counts = np.bincount(belief.label, minlength=7)
     t = belief.transition
     rows = t.sum(axis=1)
@@ -234,7 +234,7 @@ def _conclude(state: State, belief: Belief, sweep: Sweep, ends: NDArray[np.float
     sure, reckoning = known and found.mass >= _SURE, state.reckoning
     fits = reckoning.astray_m == 0.0 and not reckoning.anew
     state.reckoned.append(
-        afterwards.Reckoned(reckoning.pose, fits, reckoning.anew, bool(b[0] >= 0.5), found.pose, sure, state.way_m)
+        pose_smoother.Reckoned(reckoning.pose, fits, reckoning.anew, bool(b[0] >= 0.5), found.pose, sure, state.way_m)
     )
     shares: dict[str, Any] = {f"b{k}": float(b[k]) for k in range(1, 7)}
     shares["b3"] += float(b[0])
@@ -261,14 +261,14 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     columns = {"in_map": in_map}
     layers: dict[str, GridMap] = {}
     if params.smooth:
-        smoothed = smooth.backward(state.history)
+        smoothed = class_smoother.backward(state.history)
         for k in range(1, 7):
             columns[f"b{k}_smoothed"] = smoothed[:, k] + (smoothed[:, 0] if k == 3 else 0.0)
         in_map = share_in_map(smoothed)
         columns["in_map_smoothed"] = in_map
     track = state.track.track(columns)
     if params.smooth:
-        poses = afterwards.poses(state.reckoned, in_map)
+        poses = pose_smoother.poses(state.reckoned, in_map)
         state.track.replace(poses, np.full((len(poses), 3, 3), np.nan))
         known = state.track.track({}).poses
         names = ("x_smoothed_m", "y_smoothed_m", "yaw_smoothed_rad")
@@ -277,7 +277,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
             layers["extended"] = extended(assets.grid, state.scans, poses)
     summary = {
         "updates": len(state.stamps_ns),
-        "crossings": smooth.crossings(np.array(state.stamps_ns), in_map),
+        "crossings": class_smoother.crossings(np.array(state.stamps_ns), in_map),
         "in_map_at_end": round(float(in_map[-1]), 4),
         "particles_at_end": int(state.pose.shape[0]),
     }

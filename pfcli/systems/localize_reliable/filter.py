@@ -18,21 +18,23 @@ from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sweep
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
-from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.localize_reliable import cloud, decision, gone, key_scans, start, track_record, weigh
-from pfcli.systems.localize_reliable.assets import Assets, gain_of, load, model_of, reach_m, scan_of
-from pfcli.systems.localize_reliable.cloud import MODE_M, MODE_RAD, Cloud
-from pfcli.systems.localize_reliable.decision import Classifier
-from pfcli.systems.localize_reliable.gone import Gone
+from pfcli.systems.localize_reliable import first_particles, key_scans, scan_weights, success_decision, trust_record
+from pfcli.systems.localize_reliable import map_change as gone
+from pfcli.systems.localize_reliable import particle_set as cloud
+from pfcli.systems.localize_reliable.map_change import Gone
+from pfcli.systems.localize_reliable.map_models import Assets, gain_of, load, model_of, reach_m, scan_of
+from pfcli.systems.localize_reliable.misalignment import misaligned_share
 from pfcli.systems.localize_reliable.params import Params
-from pfcli.systems.localize_reliable.protection import protection_level_m, surface_variance
-from pfcli.systems.localize_reliable.records import Records
-from pfcli.systems.localize_reliable.residuals import misaligned_share
-from pfcli.systems.localize_reliable.track_record import TrackRecord
-from pfcli.systems.localize_reliable.weigh import Reading
-from pfcli.systems.pace import step_noise, step_since
-from pfcli.systems.result import Result
-from pfcli.systems.track import TrackKeeper
+from pfcli.systems.localize_reliable.particle_set import MODE_M, MODE_RAD, Cloud
+from pfcli.systems.localize_reliable.protection_level import protection_level_m, surface_variance
+from pfcli.systems.localize_reliable.run_tables import Records
+from pfcli.systems.localize_reliable.scan_weights import Reading
+from pfcli.systems.localize_reliable.success_decision import Classifier
+from pfcli.systems.localize_reliable.trust_record import TrackRecord
+from pfcli.systems.shared.frame_keeper import FrameKeeper
+from pfcli.systems.shared.motion_gate import step_noise, step_since
+from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.track_keeper import TrackKeeper
 
 _CARRIED = 0.3
 """Share of a scan that is new, beyond what a turn brings, when the robot was carried or its wheels have slipped."""
@@ -95,7 +97,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         None,
         np.array([first.odometry], np.float64),
         0.0,
-        track_record.TOLD if assets.initial.kind == "pose" else track_record.NOTHING,
+        trust_record.TOLD if assets.initial.kind == "pose" else trust_record.NOTHING,
         [],
         gone.NOTHING,
         -(1 << 62),
@@ -117,8 +119,8 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
         return state, None
     model, gain = model_of(params, reach_m(sweep, params)), gain_of(params, scan)
     if state.cloud is None:
-        pose = start.scatter(scan, model, assets, params, draw(Purpose.INIT, sweep.stamp_ns))
-        learnt = start.classifier_for(sweep, model, assets, params) if params.estimate_reliability else None
+        pose = first_particles.scatter(scan, model, assets, params, draw(Purpose.INIT, sweep.stamp_ns))
+        learnt = first_particles.classifier_for(sweep, model, assets, params) if params.estimate_reliability else None
         state = state._replace(cloud=cloud.begun(pose), classifier=learnt)
     else:
         state = _predict(state, state.cloud, moved, sweep.stamp_ns, params, draw)
@@ -126,7 +128,7 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     new = key_scans.new_share(scan, now, state.history[-_REMEMBERED:])
     if new > _CARRIED + key_scans.turned_share(sweep.scan, now, state.history):
         state.history.clear()  # earlier scans do not lie where odometry says
-        state = state._replace(gone=gone.forgotten(state.gone), record=track_record.doubted(state.record))
+        state = state._replace(gone=gone.forgotten(state.gone), record=trust_record.doubted(state.record))
     state, counted = _found_gone(state, scan, way, assets, params)
     worth = min(1.0, new / gain) if params.new_only else 1.0
     key = key_scans.KeyScan(now, key_scans.placed(now, points), counted, worth)
@@ -135,7 +137,7 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     assert state.cloud is not None
     due = _due(state, state.cloud, sweep.stamp_ns, params)
     reading = Reading(sweep.stamp_ns, scan, counted, key, state.history[-explained:], model, gain, due)
-    after, matches = weigh.by_scan(state.cloud, reading, state.classifier, assets, params, draw)
+    after, matches = scan_weights.by_scan(state.cloud, reading, state.classifier, assets, params, draw)
     if due:
         state = state._replace(sampled_ns=sweep.stamp_ns)
     return _conclude(state, after, reading, (matches, new, way), assets, params, draw)
@@ -156,7 +158,7 @@ def _found_gone(state: State, scan: Scan, way: float, assets: Assets, params: Pa
     if state.predicted is None or state.classifier is None or not params.map_changes:
         return state, scan
     crossings = gone.crossed(state.predicted, scan, assets.field)
-    trusted = track_record.outlasts_wrong(state.record)
+    trusted = trust_record.outlasts_wrong(state.record)
     after = gone.noted(state.gone, crossings, state.way_m, way, trusted)
     return state._replace(gone=after), gone.counted(scan, crossings, state.gone, state.way_m)
 
@@ -174,9 +176,9 @@ def _recorded(
     """The places that were trusted, after an estimate (3,) where odometry expected (3,) and a step of `way`. by_scan:
     p(success) by the scans."""
     if not estimate.members(expected[None], pose, MODE_M, MODE_RAD)[0]:
-        record, way = track_record.given_up(state.record, state.way_m), 0.0
+        record, way = trust_record.given_up(state.record, state.way_m), 0.0
         state = state._replace(record=record, gone=gone.forgotten(state.gone))
-    return state._replace(record=track_record.trusted(state.record, by_scan, way))
+    return state._replace(record=trust_record.trusted(state.record, by_scan, way))
 
 
 def _beyond_doubt(
@@ -195,7 +197,7 @@ def _beyond_doubt(
     if state.classifier is None or reading.counted is reading.scan:
         return by_scan
     rest = class_conditional.fit(pose[None], reading.counted, assets.field, reading.model)
-    ratio = decision.log_ratio(fit, state.classifier)[0] - decision.log_ratio(rest, state.classifier)[0]
+    ratio = success_decision.log_ratio(fit, state.classifier)[0] - success_decision.log_ratio(rest, state.classifier)[0]
     left = np.exp(min(0.0, params.decision_gain * float(ratio)))
     return float(by_scan * left / (by_scan * left + 1.0 - by_scan))
 
@@ -219,7 +221,7 @@ def _conclude(
     by_scan = float(weights[inside] @ after.reliability[inside])
     state = _recorded(state, expected, found.pose, by_scan, 0.0 if state.predicted is None else done[2])
     counts = params.track_record and state.classifier is not None
-    precision = track_record.precision(state.record, state.way_m) if counts else 1.0
+    precision = trust_record.precision(state.record, state.way_m) if counts else 1.0
     p_success = by_scan * precision
     fit = class_conditional.fit(found.pose[None], scan, assets.field, reading.model)
     p_unknown, away = class_conditional.classes(found.pose, scan, assets.field, reading.model)
@@ -231,7 +233,7 @@ def _conclude(
     n_eff = float(effective_sample_size(weights))
     labels = np.where(after.reliability >= 0.5, 1, 0).astype(np.uint8)
     state.frames.offer(stamp_ns, found.pose, after.pose, scan.ends.T, labels)
-    wanted = params.particles if found.mass >= 0.9 else start.UNSURE * params.particles
+    wanted = params.particles if found.mass >= 0.9 else first_particles.UNSURE * params.particles
     count = int(inside.sum())
     resample = drawn > 0 or count > 2 * wanted or n_eff < params.resample_threshold * count
     info = Info(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
-from pfcli.systems.parameters import XyOfAnyStep, XyPerM, XyPerRad, YawOfAnyStep, YawPerM, YawPerRad
+from pfcli.systems.shared.shared_params import XyOfAnyStep, XyPerM, XyPerRad, YawOfAnyStep, YawPerM, YawPerRad
 
 
 @dataclass(frozen=True, kw_only=True)

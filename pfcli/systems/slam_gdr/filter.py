@@ -19,15 +19,15 @@ from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sweep
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
-from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.gdr_resampling import ancestors_of, dispersed
-from pfcli.systems.grids import grid_of
-from pfcli.systems.pace import noise_of, step_since
-from pfcli.systems.result import Frame, Result
-from pfcli.systems.slam_gdr import smooth
-from pfcli.systems.slam_gdr.history import History
-from pfcli.systems.slam_gdr.kernels import covariance, sample_proposal
+from pfcli.systems.shared.frame_keeper import FrameKeeper
+from pfcli.systems.shared.motion_gate import noise_of, step_since
+from pfcli.systems.shared.resampling import ancestors_of, dispersed
+from pfcli.systems.shared.result import Frame, Result
+from pfcli.systems.shared.tile_map import grid_of
+from pfcli.systems.slam_gdr import path_smoother
+from pfcli.systems.slam_gdr.ancestry import History
 from pfcli.systems.slam_gdr.params import Params
+from pfcli.systems.slam_gdr.proposal_kernels import covariance, sample_proposal
 
 _COARSE = (0.15, 0.035, 0.12, 50, 0.005)
 """Steps (m, rad) and end point spread (m) of the coarse search; a beam count at which it still sees a room; the gain from
@@ -66,7 +66,7 @@ class State(NamedTuple):
     history: History
     frames: FrameKeeper
     resamplings: int
-    log: smooth.Log
+    log: path_smoother.Log
 
 
 def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
@@ -81,7 +81,7 @@ def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
         History(),
         FrameKeeper(),
         0,
-        smooth.Log(),
+        path_smoother.Log(),
     )
 
 
@@ -222,11 +222,11 @@ def finish(state: State, assets: None, params: Params) -> Result:
         "smoothed": False,
     }
     if params.smooth:
-        found = smooth.smooth(state.log, path, _setup(params))
+        found = path_smoother.smooth(state.log, path, _setup(params))
         if found.path is not None:
             frames = _moved(frames, history.update_stamps(), path, found.path.poses)
             path, covariance = found.path.poses, found.path.covariance()
-            grid = grid_of(smooth.drawn(state.log, path, found.fits, params.resolution_m), 0)
+            grid = grid_of(path_smoother.drawn(state.log, path, found.fits, params.resolution_m), 0)
         summary |= {"smoothed": found.path is not None, "closures": found.closures, "closures_used": found.used}
         if found.path is not None and found.calibration is not None:
             errors = found.calibration._asdict()

@@ -16,22 +16,24 @@ from pfcli.core import landmark_store
 from pfcli.core.geometry import between, wrap
 from pfcli.core.landmark_store import FIELDS, Store
 from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.dropped import Loss
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Sighting
 from pfcli.formats import landmark_csv
-from pfcli.loss import Loss
 from pfcli.registry import System
 from pfcli.rng import Draw, Purpose, rng_for
-from pfcli.systems.frames import FrameKeeper
-from pfcli.systems.gdr_resampling import ancestors_of, dispersed
-from pfcli.systems.result import Result
-from pfcli.systems.slam_landmarks import anchor, history, smooth, start
-from pfcli.systems.slam_landmarks import marks as landmarks
-from pfcli.systems.slam_landmarks.history import History
-from pfcli.systems.slam_landmarks.kernels import IGNORED, UNKNOWN, observe
+from pfcli.systems.shared.frame_keeper import FrameKeeper
+from pfcli.systems.shared.resampling import ancestors_of, dispersed
+from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.track_keeper import TrackKeeper
+from pfcli.systems.slam_landmarks import landmark_smoother, landmark_start
+from pfcli.systems.slam_landmarks import landmark_table as landmarks
+from pfcli.systems.slam_landmarks import particle_history as history
+from pfcli.systems.slam_landmarks import pose_correction as anchor
+from pfcli.systems.slam_landmarks.observation_kernels import IGNORED, UNKNOWN, observe
 from pfcli.systems.slam_landmarks.params import Params
-from pfcli.systems.slam_landmarks.view import View, of_sighting
-from pfcli.systems.track import TrackKeeper
+from pfcli.systems.slam_landmarks.particle_history import History
+from pfcli.systems.slam_landmarks.usable_detections import View, of_sighting
 
 
 class Info(NamedTuple):
@@ -75,7 +77,7 @@ class State(NamedTuple):
     way_m: float
     since: int
     started: bool
-    recent: tuple[start.Seen, ...]
+    recent: tuple[landmark_start.Seen, ...]
     loss: Loss
     scales: NDArray[np.float64]
     history: History
@@ -118,7 +120,7 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
         not assets.places,
         (),
         Loss(),
-        smooth.no_scales(),
+        landmark_smoother.no_scales(),
         history.empty(),
         TrackKeeper(),
         FrameKeeper(),
@@ -144,8 +146,10 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
         return state, None
     now = np.array([sighting.odometry])
     if not state.started:
-        recent = (*state.recent, start.Seen(now, view.points_m, view.spread_m, view.column))[-start.RECENT :]
-        pose = start.placed(recent, assets.places, params, draw(Purpose.INIT, sighting.stamp_ns))
+        recent = (*state.recent, landmark_start.Seen(now, view.points_m, view.spread_m, view.column))[
+            -landmark_start.RECENT :
+        ]
+        pose = landmark_start.placed(recent, assets.places, params, draw(Purpose.INIT, sighting.stamp_ns))
         if pose is None:
             return state._replace(odometry=now, travelled=sighting.travelled, recent=recent), None
         state = state._replace(pose=pose, started=True, odometry=now, travelled=sighting.travelled, recent=())
@@ -176,7 +180,7 @@ def _observe(
     # what was driven to and fro between two observations is noise as well
     driven = math.copysign(max(way, float(np.hypot(moved[0], moved[1]))), moved[0])
     sd = _spread(driven, max(turn, abs(moved[2])), params)
-    seen, step = smooth.corrected(view.z, moved, state.scales)
+    seen, step = landmark_smoother.corrected(view.z, moved, state.scales)
     z = draw(Purpose.MOTION, stamp_ns).standard_normal(pose.shape)
     log_false = math.log(params.false_share / (2.0 * math.pi * params.landmark_range_m))
     version = 2.0 if params.proposal == "fastslam2" else 1.0
@@ -293,8 +297,8 @@ def _rejuvenate(state: State, best: int, assets: Assets, params: Params, draw: D
     )
 
 
-def _options(assets: Assets, params: Params) -> smooth.Options:
-    return smooth.Options(bool(assets.places), params.calibrate)
+def _options(assets: Assets, params: Params) -> landmark_smoother.Options:
+    return landmark_smoother.Options(bool(assets.places), params.calibrate)
 
 
 def finish(state: State, assets: Assets, params: Params) -> Result:
@@ -308,10 +312,10 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     landmarks.doubt(past, scales, state.names, options.fixed, state.loss)
     if params.smooth:
         rng = rng_for(0, Purpose.PROPOSAL, 0)  # the end has no seed of its own, and needs none
-        found = smooth.solve(past.log, past.track, past.places, scales, options, draws=_DRAWS, rng=rng)
+        found = landmark_smoother.solve(past.log, past.track, past.places, scales, options, draws=_DRAWS, rng=rng)
         scales = found.scales
         if not options.fixed:
-            marks[past.columns] = smooth.given_tracks(found.track[None], found.marks, scales, past.log)[0]
+            marks[past.columns] = landmark_smoother.given_tracks(found.track[None], found.marks, scales, past.log)[0]
         off = found.draws - found.track
         off[:, :, 2] = wrap(off[:, :, 2])
         state.track.replace(found.track, np.einsum("nta,ntb->tab", off, off) / _DRAWS)
@@ -324,7 +328,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         "smoothed": params.smooth,
     }
     if params.calibrate:
-        summary |= {k: round(float(v), 4) for k, v in zip(smooth.SCALES, 1.0 + scales, strict=True)}
+        summary |= {k: round(float(v), 4) for k, v in zip(landmark_smoother.SCALES, 1.0 + scales, strict=True)}
     text = {k: [round(float(v), 4) if k.endswith("_m") else v for v in values] for k, values in table.items()}
     texts = {"landmarks.csv": landmark_csv.text(text)}
     return Result(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
-from pfcli.systems.parameters import (
+from pfcli.systems.shared.shared_params import (
     AlphaXy,
     AlphaYaw,
     DispersalCap,

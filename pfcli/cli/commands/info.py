@@ -1,0 +1,97 @@
+"""`pfcli info LOG...`."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pfcli import registry
+from pfcli.cli.types import Readable, max_chunk_option
+
+
+@click.command()
+@click.argument("logs", nargs=-1, required=True, type=Readable())
+@max_chunk_option
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per log.")
+def info(logs: tuple[Path, ...], max_chunk_mib: float, as_json: bool) -> int:
+    """What each LOG holds: topics, types, counts, rates, gaps, span, and which systems can run on it. `-`: standard input.
+
+    Example: pfcli info --json *.mcap | jq -r '.log + " " + (.span_s | tostring)'
+    """
+    from pfcli.cli.printing import emit, lost
+
+    code = 0
+    for path in logs:
+        found, notes = _describe(path, max_chunk_mib)
+        emit(found, list(_lines(found)), as_json)
+        code = max(code, lost({"damage": len(notes)} if notes else {}, notes))
+    return code
+
+
+def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[str]]:
+    import numpy as np
+
+    from pfcli.errors import printable
+    from pfcli.formats.mcap_file import McapFile
+
+    file = McapFile(path, max_chunk_mib)
+    file.survey()
+    times: dict[int, list[Any]] = {}
+    for batch in file.batches():
+        for channel in np.unique(batch.channel).tolist():
+            times.setdefault(channel, []).append(batch.log_ns[batch.channel == channel])
+    topics = []
+    span: list[int] = []
+    for ident, channel in file.channels.items():
+        stamps = np.concatenate(times.get(ident, [np.empty(0, np.int64)]))
+        row: dict[str, Any] = {
+            "topic": printable(channel.topic),
+            "type": printable(channel.schema_name),
+            "encoding": printable(channel.encoding),
+            "messages": int(stamps.size),
+        }
+        if stamps.size:
+            span += [int(stamps.min()), int(stamps.max())]
+        if stamps.size > 1:
+            steps = np.diff(stamps)
+            seconds = (stamps.max() - stamps.min()) * 1e-9
+            row["rate_hz"] = round((stamps.size - 1) / seconds, 3) if seconds > 0 else 0.0
+            row["longest_gap_s"] = round(float(steps.max()) * 1e-9, 3)
+            row["backward_steps"] = int((steps < 0).sum())
+        topics.append(row)
+    found = {
+        "log": str(path),
+        "bytes": path.stat().st_size,
+        "messages": sum(t["messages"] for t in topics),
+        "span_s": round((max(span) - min(span)) * 1e-9, 3) if span else 0.0,
+        "start_ns": min(span, default=0),
+        "topics": topics,
+        "systems": _systems(topics),
+        "damage": file.losses,
+    }
+    return found, file.losses
+
+
+def _systems(topics: list[dict[str, Any]]) -> dict[str, str]:
+    """Per system 'yes', or what is missing."""
+    from pfcli.formats.messages import ROLES
+
+    have = {role for role, types in ROLES.items() if any(t["type"] in types and t["messages"] for t in topics)}
+    if have & {"odometry", "encoders", "twist"}:
+        have.add("motion")
+    verdict = {}
+    for system in registry.all_systems():
+        missing = min((need - have for need in system.needs), key=len)
+        verdict[system.name] = "yes" if not missing else "needs " + ", ".join(sorted(missing))
+    return verdict
+
+
+def _lines(found: dict[str, Any]) -> Iterator[str]:
+    yield f"{found['log']}: {found['messages']} messages, {found['span_s']:.3f} s, {found['bytes'] / 1e6:.1f} MB"
+    for t in found["topics"]:
+        rate = f"{t['rate_hz']:.1f} Hz, longest gap {t['longest_gap_s']:.3f} s" if "rate_hz" in t else ""
+        back = f", {t['backward_steps']} backward steps" if t.get("backward_steps") else ""
+        yield f"  {t['topic']:<20} {t['type'] or '(no schema)':<32} {t['messages']:>8}  {rate}{back}"
+    for name, verdict in found["systems"].items():
+        yield f"  {name}: {verdict}"

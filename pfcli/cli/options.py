@@ -1,0 +1,216 @@
+"""From parameter dataclasses to click options, TOML files and documentation rows."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pfcli.cli.drive_options import wheel_options
+from pfcli.cli.types import Finite, max_chunk_option, max_map_option
+from pfcli.cli.vision_options import image_of, vision_options
+from pfcli.errors import UsageError
+from pfcli.formats.limits import DEFAULTS, Limits
+from pfcli.formats.messages import ROLES
+from pfcli.formats.toml_file import read_toml
+from pfcli.initial import Initial, parse
+from pfcli.params import build, fields
+from pfcli.registry import LOCALISERS, MAPPED
+from pfcli.replay.align import SOURCES
+from pfcli.replay.log import Settings
+
+_Command = Callable[..., Any]
+_FARTHEST_OFFSET_S = 2e9
+
+
+def system_options(params: type, landmarks: type | None = None) -> Callable[[_Command], _Command]:
+    """One click option per parameter; None where the flag is not given, so that TOML and defaults show through.
+
+    landmarks: parameters of the system that the command is with --landmarks; shared names are one option.
+    """
+    own = fields(params)
+    more = {field.name: field for field in fields(landmarks)} if landmarks is not None else {}
+    extra = [field for name, field in more.items() if name not in {f.name for f in own}]
+
+    def add(command: _Command) -> _Command:
+        for field in reversed([*own, *extra]):
+            note = f"{field.opt.help} [{field.opt.unit}]" if field.opt.unit else field.opt.help
+            other = more.get(field.name)
+            if field in extra:
+                note = f"--landmarks: {note}"
+            default = str(field.default).lower() if field.kind is bool else field.default
+            both = f"; --landmarks: {other.default}" if other and other.default != field.default else ""
+            shown = f"{note}  (default: {default}{both})"
+            if field.kind is bool:
+                declared = f"{field.flag}/--no-{field.flag[2:]}"
+                command = click.option(declared, field.name, default=None, help=shown)(command)
+            else:
+                kind: Any = click.Choice(field.opt.choices) if field.opt.choices else field.kind
+                command = click.option(field.flag, field.name, type=kind, default=None, help=shown)(command)
+        return command
+
+    return add
+
+
+def build_params(params: type, given: dict[str, Any], file: Path | None, other: type | None = None) -> Any:
+    """Flag over TOML over default. Raises UsageError naming the flag or the file's field, or a flag of the `other` system of
+    the same command."""
+    names = {field.name for field in fields(params)}
+    for field in fields(other) if other is not None else []:
+        if field.name not in names and given.get(field.name) is not None:
+            raise UsageError(f"{field.flag} goes {'without' if given['landmarks'] else 'with'} --landmarks")
+    values: dict[str, Any] = {}
+    if file is not None:
+        values = read_toml(file, "--params")
+        build(params, values, f"--params {file}")
+    values |= {name: value for name, value in given.items() if name in names and value is not None}
+    return build(params, values, "parameters")
+
+
+def pairs(flags: tuple[str, ...], flag: str, keys: tuple[str, ...]) -> dict[str, str]:
+    """`key=value` flags as a mapping. Raises UsageError for unknown keys and repeated ones."""
+    found: dict[str, str] = {}
+    for text in flags:
+        key, _, value = text.partition("=")
+        if not value or key not in keys:
+            raise UsageError(f"{flag} {text}: expected NAME=VALUE with NAME one of {', '.join(keys)}")
+        if key in found:
+            raise UsageError(f"{flag} {text}: {key} is given twice")
+        found[key] = value
+    return found
+
+
+def settings_of(given: dict[str, Any]) -> Settings:
+    """Reading options as Settings."""
+    roles = tuple(ROLES)
+    offsets = {}
+    for role, text in pairs(given["time_offset"], "--time-offset", roles).items():
+        try:
+            offsets[role] = float(text)
+        except ValueError:
+            offsets[role] = math.nan
+        if not abs(offsets[role]) <= _FARTHEST_OFFSET_S:
+            raise UsageError(f"--time-offset {role}={text}: expected seconds")
+    start, end = given["start"], given["end"]
+    if start is not None and end is not None and end <= start:
+        raise UsageError(f"--end {end:g} must be later than --start {start:g}")
+    topics = pairs(given["topic"], "--topic", roles)
+    image = image_of(given["px_per_cm"], given["image_centre"])
+    return Settings(
+        topics,
+        given["clock"],
+        start,
+        end,
+        given["reorder"],
+        offsets,
+        given["extrinsic"],
+        image,
+        given["landmark_ranges"],
+        Limits(given["max_chunk_mib"], given["max_buffer_mib"], given.get("max_map_mpx", DEFAULTS.map_mpx)),
+    )
+
+
+def localiser_options(name: str) -> Callable[[_Command], _Command]:
+    """Options of the systems that localise in a given frame: where they start, and the map if they need one."""
+
+    def add(command: _Command) -> _Command:
+        if name not in LOCALISERS:
+            return command
+        if name in MAPPED:
+            command = click.option(
+                "--map", "map_file", type=click.Path(path_type=Path), required=True, help="Map YAML to localise in."
+            )(max_map_option(command))
+        for option in (
+            click.option(
+                "--heading-prior", metavar="YAW[,SD]", default=None, help="Heading at the start and its spread (rad)."
+            ),
+            click.option(
+                "--initial",
+                metavar="START",
+                default="unknown",
+                show_default=True,
+                help="unknown, inside, outside, X,Y,YAW[,SDX,SDY,SDYAW] or region:MAP.yaml.",
+            ),
+        ):
+            command = option(command)
+        return command
+
+    return add
+
+
+def initial_of(given: dict[str, Any]) -> Initial:
+    """Start of a localiser; systems without a map have none."""
+    return parse(given["initial"], given["heading_prior"]) if "initial" in given else Initial()
+
+
+def reading_options(command: _Command) -> _Command:
+    """Options of every command that replays a log."""
+    command = vision_options(command)
+    role_list = ", ".join(ROLES)
+    for option in reversed(
+        (
+            click.option(
+                "--topic",
+                multiple=True,
+                metavar="ROLE=TOPIC",
+                help=f"Which topic plays a role ({role_list}); odometry=/tf:odom.base_link reads transforms.",
+            ),
+            click.option(
+                "--time",
+                "clock",
+                type=click.Choice(["header", "log", "publish"]),
+                default="header",
+                show_default=True,
+                help="Which stamp of a message counts.",
+            ),
+            click.option(
+                "--start",
+                type=Finite(0),
+                default=None,
+                help="Begin so many seconds after the log's first stamp [s].",
+            ),
+            click.option(
+                "--end",
+                type=Finite(0),
+                default=None,
+                help="Stop so many seconds after the log's first stamp [s].",
+            ),
+            click.option(
+                "--reorder",
+                type=Finite(0, 3600),
+                default=2.0,
+                show_default=True,
+                help="Messages may arrive so much too late [s].",
+            ),
+            max_chunk_option,
+            click.option(
+                "--max-buffer-mib",
+                type=Finite(0, 1 << 20, min_open=True),
+                default=DEFAULTS.buffer_mib,
+                show_default=True,
+                help="Messages that may wait within --reorder of one stamp [MiB].",
+            ),
+            click.option(
+                "--time-offset",
+                multiple=True,
+                metavar="ROLE=S",
+                help="Add seconds to the stamps of a role, such as scan=-0.03.",
+            ),
+            click.option(
+                "--extrinsic",
+                multiple=True,
+                metavar="PARENT:CHILD=X,Y,YAW",
+                help="Where a sensor sits (m, m, rad), over /tf_static.",
+            ),
+            click.option(
+                "--motion",
+                type=click.Choice(SOURCES),
+                default="auto",
+                show_default=True,
+                help="Where motion comes from.",
+            ),
+        )
+    ):
+        command = option(command)
+    return wheel_options(command)

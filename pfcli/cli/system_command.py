@@ -1,0 +1,222 @@
+"""The command of a system: replay logs through it and write the results."""
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pfcli import registry
+from pfcli.batches.worker import CommandLine, Flag
+from pfcli.cli.drive_options import drive_of
+from pfcli.cli.options import build_params, initial_of, localiser_options, reading_options, settings_of, system_options
+from pfcli.cli.types import Readable
+from pfcli.errors import UsageError
+from pfcli.formats.atomic import check, check_picture, interrupt_on_terminate, output_dir
+from pfcli.params import fields
+
+if TYPE_CHECKING:
+    from pfcli.runs.loop import Job
+
+
+_OUTPUT = (
+    "out",
+    "force",
+    "overlay",
+    "report",
+    "plot",
+    "animate",
+    "threads",
+    "progress_mode",
+    "as_json",
+    "quiet",
+    "help",
+)
+
+
+class _Grouped(click.Command):
+    """A system's help page: what goes in, the filter's parameters, what comes out."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        rows: dict[str, list[tuple[str, str]]] = {"Input": [], "Filter": [], "Output": []}
+        own = {f.name for name in (self.name, registry.LANDMARKS.get(str(self.name))) if name for f in _fields(name)}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if isinstance(param, click.Option) and record is not None:
+                group = (
+                    "Output" if param.name in _OUTPUT else "Filter" if param.name in (*own, *_OF_FILTER) else "Input"
+                )
+                rows[group].append(record)
+        for title, records in rows.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+_OF_FILTER = ("seed", "params_file", "landmarks")
+
+
+def _fields(name: str) -> list[Any]:
+    return fields(registry.params_class(name))
+
+
+@cache
+def command(name: str) -> click.Command:
+    """The click command of the system `name`; its kernels are imported only when it runs."""
+    params = registry.params_class(name)
+    second = registry.params_class(registry.LANDMARKS[name]) if name in registry.LANDMARKS else None
+    logs = "LOGS: MCAP files in order of time; `-`: standard input."
+    usage = f"Example: pfcli {name} log.mcap{' --map map.yaml' if name in registry.MAPPED else ''} --out out/run"
+
+    @click.command(name, cls=_Grouped, help="\n\n".join((registry.SUMMARY[name], logs, usage)))
+    @click.argument("logs", nargs=-1, required=True, type=Readable())
+    @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
+    @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
+    @click.option(
+        "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Seed of all random draws."
+    )
+    @click.option("--params", "params_file", type=click.Path(path_type=Path), help="Parameters from a TOML file.")
+    @click.option(
+        "--truth",
+        default=None,
+        metavar="auto|TOPIC|FILE",
+        help="Add error columns against a truth topic or a TUM file.",
+    )
+    @click.option(
+        "--overlay", is_flag=True, help="Also write overlay.mcap: poses, particles and map, to open beside the log."
+    )
+    @click.option("--report", is_flag=True, help="Also write report.html: a page to look at, with no other file.")
+    @click.option(
+        "--plot",
+        type=click.Path(path_type=Path),
+        default=None,
+        help="Also draw map and track into this PNG, SVG or PDF.",
+    )
+    @click.option(
+        "--animate",
+        type=click.Path(path_type=Path),
+        default=None,
+        help="Also film the filter at work: GIF, or MP4 where ffmpeg is installed; PNG, SVG or PDF: eight instants.",
+    )
+    @click.option(
+        "--threads", type=click.IntRange(0, 1024), default=0, help="Threads of the kernels (default: all cores)."
+    )
+    @click.option(
+        "--progress", "progress_mode", type=click.Choice(["auto", "never", "json"]), default="auto", show_default=True
+    )
+    @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
+    @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
+    @_landmarks_option(second is not None)
+    @reading_options
+    @localiser_options(name)
+    @system_options(params, second)
+    def system_command(**given: Any) -> int:
+        return _run(name, given)
+
+    return system_command
+
+
+def _landmarks_option(wanted: bool) -> Callable[[Any], Any]:
+    flag = click.option("--landmarks", is_flag=True, help="Use detections of landmarks instead of laser scans.")
+    return flag if wanted else lambda command: command
+
+
+def job_of(name: str, given: dict[str, Any]) -> "Job":
+    """The job that the command `name` with these options runs."""
+    params, other = registry.params_class(name), None
+    if name in registry.LANDMARKS:
+        other = registry.params_class(registry.LANDMARKS[name])
+        if given["landmarks"]:
+            name, params, other = registry.LANDMARKS[name], other, params
+    built = build_params(params, given, given["params_file"], other)
+    settings = settings_of(given)
+
+    from pfcli.runs import loop
+
+    return loop.Job(
+        registry.system(name),
+        built,
+        given["logs"],
+        given["seed"],
+        settings,
+        given["motion"],
+        drive_of(given),
+        given["truth"],
+        given["threads"],
+        "never" if given["quiet"] else given["progress_mode"],
+        given.get("map_file"),
+        initial_of(given),
+    )
+
+
+def parsed(name: str, words: Sequence[str]) -> "Job":
+    """The job of `pfcli NAME WORDS`. Raises UsageError where that would be refused."""
+    try:
+        with command(name).make_context(f"pfcli {name}", list(words)) as context:
+            return job_of(name, context.params)
+    except click.ClickException as error:
+        raise UsageError(f"{name}: {error.format_message()}") from None
+
+
+def flags(name: str) -> dict[str, Flag]:
+    """The flags of `pfcli NAME`."""
+    return {
+        flag: Flag(bool(getattr(option, "multiple", False)), bool(option.secondary_opts))
+        for option in command(name).params
+        for flag in option.opts
+    }
+
+
+COMMAND_LINE = CommandLine(parsed, flags)
+"""What batches read the words of their jobs by."""
+
+
+def _run(name: str, given: dict[str, Any]) -> int:
+    check(given["out"], force=given["force"])
+    if given["plot"] is not None:
+        check_picture(given["plot"])
+    if given["animate"] is not None:
+        from pfcli.reports import animation
+
+        animation.check(given["animate"])
+    interrupt_on_terminate()
+    job = job_of(name, given)._replace(command=("pfcli", *sys.argv[1:]))
+
+    from pfcli.cli.printing import emit, lost
+    from pfcli.runs import loop, results
+
+    done = loop.execute(job)
+    with output_dir(given["out"], force=given["force"]) as folder:
+        summary = results.write(folder, job, done)
+        if given["overlay"]:
+            from pfcli.reports import overlay
+
+            overlay.write(folder / "overlay.mcap", done.result)
+        if given["report"]:
+            from pfcli.reports import page
+
+            page.write(folder, folder / "report.html")
+        if given["plot"] is not None:
+            from pfcli.reports.plots import draw
+
+            draw(given["plot"], done.result, job.system.name)
+        if given["animate"] is not None:
+            animation.animate(given["animate"], done.result, job.system.name)
+    emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"], job.system.readings), given["as_json"])
+    return lost(summary["lost"], summary["notes"], given["quiet"])
+
+
+def _lines(summary: dict[str, Any], out: Path, readings: str) -> list[str]:
+    seconds = summary["seconds"]
+    lines = [
+        f"{out}: {summary['scans']} {readings} over {summary['span_s']:.1f} s and {summary['way_m']:.1f} m,"
+        f" {summary['updates']} updates in {seconds['loop']:.2f} s ({summary['ms_per_update']:.2f} ms each)"
+    ]
+    if "truth" in summary:
+        t = summary["truth"]
+        lines.append(
+            f"against truth: ATE {t['ate_m']:.4f} m, mean {t['mean_m']:.4f} m, max {t['max_m']:.4f} m,"
+            f" heading {t['heading_rmse_deg']:.3f} deg"
+        )
+    return lines

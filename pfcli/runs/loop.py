@@ -1,0 +1,223 @@
+"""The loop shared by all systems: events in, a result out. `pfcli.runs.results` writes it."""
+
+import gc
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfcli.core.rows import Rows
+from pfcli.core.threads import set_threads
+from pfcli.dropped import Loss
+from pfcli.errors import LogError, UsageError, printable
+from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
+from pfcli.formats import tum
+from pfcli.initial import Initial
+from pfcli.registry import System
+from pfcli.replay import align
+from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.log import Log, Settings
+from pfcli.rng import Draw
+from pfcli.runs.info_rows import InfoRows
+from pfcli.runs.progress import progress
+from pfcli.systems.shared.result import Result
+
+if TYPE_CHECKING:
+    from pfcli.core.evaluation.track_error import Errors
+
+
+class Job(NamedTuple):
+    """Everything that determines a run, and how it is shown."""
+
+    system: System
+    params: Any
+    paths: Sequence[Path]
+    seed: int = 0
+    settings: Settings = Settings()
+    motion: str = "auto"
+    drive: Drive = Drive()
+    truth: str | None = None
+    threads: int = 0
+    progress: str = "never"
+    map: Path | None = None
+    initial: Initial = Initial()
+    command: Sequence[str] = ()
+
+
+class Run(NamedTuple):
+    """What a job gave: the system's result, its Info rows, errors against truth, what was lost, timings (s), where motion came
+    from, and per update its stamp and how long it took (n, 2), s."""
+
+    result: Result
+    infos: InfoRows
+    errors: "Errors | None"
+    loss: Loss
+    seconds: dict[str, float]
+    motion: str
+    updates: NDArray[np.float64]
+
+
+def execute(job: Job) -> Run:
+    """Replay the logs through the system. Raises LogError or UsageError before running where a need is not met."""
+    began = time.perf_counter()
+    if job.threads:
+        set_threads(job.threads)
+    logs = [Log(path, job.settings) for path in job.paths]
+    motion = motion_source(logs[0], job.motion)
+    roles = _roles(job, logs[0], motion)
+    loss = Loss()
+    truth: list[Truth] = []
+    assets = job.system.load(job.params, job)
+    draw = Draw(job.seed)
+    state, infos, scans = None, InfoRows(job.system.info), 0
+    updates = Rows((2,))
+    opened = time.perf_counter()
+    gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
+    sweeps = align.sweeps(_without_truth(_replay(logs, roles, loss), truth), motion, job.drive, loss)
+    for sweep in progress(_with_data(sweeps, loss), job.progress, job.system.name):
+        if state is None:
+            state = job.system.init(job.params, assets, sweep, draw)
+        start = time.perf_counter()
+        state, info = job.system.step(state, sweep, assets, job.params, draw)
+        scans += 1
+        if info is not None:
+            infos.append(info)
+            updates.append((sweep.stamp_ns * 1e-9, time.perf_counter() - start))
+    looped = time.perf_counter()
+    if not infos:
+        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss, job.system)}")
+    result = job.system.finish(state, assets, job.params)
+    if result.loss is not None:
+        loss.take(result.loss)
+    errors = _errors(job, result, truth)
+    seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
+    return Run(result, infos, errors, loss, seconds, motion, updates.array())
+
+
+def motion_source(log: Log, wanted: str) -> str:
+    """Where motion comes from: as asked, else the first of odometry, encoders, twist that the log has."""
+    if wanted != "auto":
+        return wanted
+    return next((role for role in ("odometry", "encoders", "twist") if log.choose(role)), "odometry")
+
+
+def _reading(job: Job, log: Log) -> str:
+    """Which sensor of the system's needs is read: the one that --topic names, else the first that the log has."""
+    kinds = [kind for need in job.system.needs for kind in need if kind != "motion"]
+    named = [kind for kind in kinds if kind in job.settings.topics]
+    return next((kind for kind in named or kinds if log.choose(kind)), kinds[0])
+
+
+def _roles(job: Job, log: Log, motion: str) -> list[str]:
+    """Topics to read; the error names what is missing, what the log has and the flag that maps one."""
+    reading = _reading(job, log)
+    roles = [*align.ROLES[motion], reading]
+    if motion == "imu":
+        roles += [r for r in ("twist", "odometry") if log.choose(r)][:1]
+    for role in roles:
+        if log.choose(role) is None:
+            have = (
+                ", ".join(f"{printable(t)} ({printable(s) or 'no schema'})" for t, s in log.topics().items())
+                or "nothing"
+            )
+            raise UsageError(
+                f"{log.path}: {job.system.name} needs {_NOUNS.get(role, role)}, and the log has {have}{log.damage};"
+                f" map a topic with --topic {role}=TOPIC"
+                + (" or choose --motion" if role in align.ROLES[motion] else "")
+            )
+    roles += [r for r in (*job.system.wants, "source_stamp") if r != reading and log.choose(r)]
+    if job.truth is not None and not Path(job.truth).is_file():
+        if job.truth not in ("auto", ""):
+            _name_truth(log, job.truth)
+        if log.choose("truth") is None:
+            raise UsageError(f"{log.path}: --truth: the log has no truth topic; name one, or a TUM file")
+        roles.append("truth")
+    return roles
+
+
+_NOUNS = {
+    "odometry": "odometry",
+    "scan": "laser scans",
+    "range": "range finders",
+    "imu": "an IMU",
+    "encoders": "wheel encoders",
+    "lines": "points of field lines or landmarks",
+}
+
+
+def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
+    last = -(1 << 62)
+    for log in logs:
+        for event in log.events(roles):
+            if event.stamp_ns < last:
+                raise LogError(
+                    f"{log.path}: begins before the log in front of it ends; give the parts in order of time"
+                )
+            last = event.stamp_ns
+            yield event
+        loss.take(log.loss)
+
+
+def _name_truth(log: Log, name: str) -> None:
+    """Read truth from this topic; what is none may have been meant as a file."""
+    topic = "/tf" if name.lstrip("/").startswith("tf:") else name
+    if topic not in log.topics():
+        have = ", ".join(printable(t) for t in log.topics()) or "none"
+        raise UsageError(
+            f"{log.path}: --truth {printable(name)} is neither a file nor a topic; the log has {have}{log.damage}"
+        )
+    log.settings = log.settings._replace(topics={**log.settings.topics, "truth": name})
+
+
+def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Event]:
+    for event in events:
+        if isinstance(event, Truth):
+            truth.append(event)
+        else:
+            yield event
+
+
+def _with_data(sweeps: Iterator[Sweep | Sounding | Sighting], loss: Loss) -> Iterator[Sweep | Sounding | Sighting]:
+    """Leave out scans without a beam; note a beam count that changes (it is legal, but rarely meant) and long gaps."""
+    beams, last = None, None
+    for sweep in sweeps:
+        if isinstance(sweep, Sighting):
+            yield sweep
+            continue
+        count = sweep.ranges.ranges_m.size if isinstance(sweep, Sounding) else sweep.scan.ranges_m.size
+        if count == 0:
+            loss.add("empty scan", "topic of the scan, field 'ranges': a scan without beams; such scans are skipped")
+            continue
+        if beams is not None and count != beams:
+            loss.read["scans with another beam count"] += 1
+        if last is not None and sweep.stamp_ns - last > 60 * 1_000_000_000:
+            loss.read["gaps of more than a minute"] += 1
+        beams, last = count, sweep.stamp_ns
+        yield sweep
+
+
+def _nothing_ran(count: int, loss: Loss, system: System) -> str:
+    if loss.notes:
+        return f"none of its {system.readings} could be used: {loss.notes[0]}"
+    if count == 0:
+        return f"none of its {system.readings} lies between --start and --end"
+    return f"none of its {system.readings} {system.unusable}"
+
+
+def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
+    if job.truth is None:
+        return None
+    from pfcli.core.evaluation.track_error import align_se2, errors_against
+
+    if truth:
+        stamps, poses = np.array([t.stamp_ns for t in truth]), np.array([t[1:4] for t in truth])
+    elif Path(job.truth).is_file():
+        stamps, poses = tum.read(Path(job.truth))
+    else:
+        raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
+    aligned = None if result.given_frame else align_se2
+    found = errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
+    return found._replace(nees=found.normalised(result.track.columns))
