@@ -1,25 +1,17 @@
-"""Numba with a cache that is never stale: its folder is keyed by the package's sources.
-
-Import numba through this module only: `NUMBA_CACHE_DIR` must be set before numba is imported.
-"""
+"""Numba as kernels use it. Import numba through this module only: it says where compiled kernels are kept."""
 
 import hashlib
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numba
+
+from pfcli.core.kernel_cache import cache_root
+
+__all__ = ["SOURCES", "cache_root", "inline_kernel", "kernel", "put", "reduction_kernel"]
+
 _Function = Callable[..., Any]
-
-
-def cache_root() -> Path:
-    """Folder for everything pfcli keeps between runs: `PFCLI_CACHE_DIR`, else the user's cache folder."""
-    configured = os.environ.get("PFCLI_CACHE_DIR")
-    if configured:
-        return Path(configured)
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(home) / "pfcli"
 
 
 def _sources_digest() -> str:
@@ -33,21 +25,10 @@ def _sources_digest() -> str:
 SOURCES = _sources_digest()
 """Digest of the package's sources: whatever is kept between runs under a name with it is never stale."""
 
-
-def _kernel_dir() -> Path:
-    folder = cache_root() / f"kernels-{SOURCES}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.mkdtemp(prefix="pfcli-kernels-"))
-
-
-os.environ.setdefault("NUMBA_CACHE_DIR", str(_kernel_dir()))
-
-import numba  # noqa: E402  (the cache folder has to be known first)
+numba.config.CACHE_LOCATOR_CLASSES = (
+    "pfcli.core.kernel_cache.ModuleLocator,"
+    "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
+)
 
 
 def kernel(function: _Function) -> Any:

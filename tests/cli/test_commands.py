@@ -261,7 +261,7 @@ from pfcli.formats import tum
 def full(*words):
     raise OSError(errno.ENOSPC, "No space left on device")
 tum.write = full
-from pfcli.cli import run
+from pfcli.cli.app import run
 run()
 """
 
