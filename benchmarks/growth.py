@@ -14,7 +14,7 @@ from matplotlib import pyplot
 
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay.log import Settings
+from pfcli.replay.settings import Settings
 from pfcli.runs import loop
 
 

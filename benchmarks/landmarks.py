@@ -24,9 +24,9 @@ from pfcli.core.geometry import compose
 from pfcli.events import Landmarks, Sighting, Steering
 from pfcli.formats import landmark_csv, landmark_logs
 from pfcli.formats.log_writer import LogWriter
-from pfcli.registry import system
-from pfcli.replay.dead_reckoning import DeadReckoning, Drive
-from pfcli.replay.log import Settings
+from pfcli.registry import filter_of, system
+from pfcli.replay.dead_reckoning import DeadReckoning
+from pfcli.replay.settings import Drive, Settings
 from pfcli.rng import Draw
 from pfcli.runs import loop
 from pfcli.simulation import landmark_world as simulated
@@ -216,14 +216,15 @@ def speed(picture: str | None) -> None:
         for particles in (20, 100):
             params = Params(particles=particles, rejuvenate_steps=0, **simulated.NOISE)
             draw, took, state = Draw(0), [], None
+            assets = filter_of(SLAM).load(params, loop.Job(SLAM, params, []))
             for now in seen:
                 ids, unknown = tuple(str(i) for i in now.seen.tolist()), np.full((now.seen.size, 2), np.nan)
                 marks = (Landmarks(now.stamp_ns, ids, now.z[:, 0], now.z[:, 1], unknown),)
                 sighting = Sighting(now.stamp_ns, tuple(now.odometry.tolist()), np.empty((0, 2)), marks)
                 if state is None:
-                    state = SLAM.init(params, SLAM.load(params, None), sighting, draw)
+                    state = filter_of(SLAM).init(params, assets, sighting, draw)
                 began = time.perf_counter()
-                state, _ = SLAM.step(state, sighting, SLAM.load(params, None), params, draw)
+                state, _ = filter_of(SLAM).step(state, sighting, assets, params, draw)
                 took.append(1e3 * (time.perf_counter() - began))
             each = np.mean([now.seen.size for now in seen])
             rows.append((particles, count, float(np.median(took[50:]))))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import landmarks
 import numpy as np
@@ -19,6 +20,7 @@ from scipy.optimize import least_squares
 
 from pfcli.core import landmark_store
 from pfcli.core.geometry import compose
+from pfcli.registry import filter_of
 from pfcli.runs import loop
 from pfcli.simulation import landmark_world as simulated
 from pfcli.systems.slam_landmarks import landmark_smoother, particle_history
@@ -61,17 +63,19 @@ def _least_squares(log: landmark_smoother.Log, track: np.ndarray, marks: np.ndar
 def bounds(name: str, seed: int) -> tuple[float, float, float]:
     """RMSE of: least squares on all that was seen up to each 50th observation; on everything; on everything by scipy."""
     kept: list[Any] = []
+    inner = filter_of(landmarks.SLAM)
 
     def finish(state: Any, assets: Any, params: Any) -> Any:
         kept.append(state)
-        return landmarks.SLAM.finish(state, assets, params)
+        return inner.finish(state, assets, params)
 
     world = landmarks.bailey(name)
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
         simulated.write(world, seed, log)
         params = Params(particles=20, rejuvenate_steps=0, **simulated.NOISE)
-        loop.execute(loop.Job(landmarks.SLAM._replace(finish=finish), params, [log], seed, threads=1))
+        with mock.patch.object(loop, "filter_of", return_value=inner._replace(finish=finish)):
+            loop.execute(loop.Job(landmarks.SLAM, params, [log], seed, threads=1))
     truth = np.array([now.truth for now in simulated.play(world, seed) if now.seen is not None and now.seen.size])
     best = int(np.argmax(kept[0].log_w))
     past = particle_history.of_particle(kept[0].history, best, landmark_store.landmarks(kept[0].store, best))

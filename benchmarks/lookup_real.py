@@ -22,7 +22,7 @@ from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.settings import Drive
 from pfcli.runs import loop
 
 WEAN_END = np.array([39.78, 39.81, -0.03])

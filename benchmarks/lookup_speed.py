@@ -18,6 +18,7 @@ from pfcli.core.sensor import range_beams
 from pfcli.core.threads import set_threads, spread
 from pfcli.formats import map_yaml, range_table_file
 from pfcli.params import build
+from pfcli.registry import filter_of
 from pfcli.rng import Draw
 
 
@@ -140,9 +141,9 @@ def updates(world: lookup_world.World, ranges: str) -> float:
     assets, draw, state, seconds = lookup_world.load(world, params), Draw(0), None, []
     for reading in world.readings[:300]:
         if state is None:
-            state = lookup_world.LOOKUP.init(params, assets, reading, draw)
+            state = filter_of(lookup_world.LOOKUP).init(params, assets, reading, draw)
         began = time.perf_counter()
-        state, info = lookup_world.LOOKUP.step(state, reading, assets, params, draw)
+        state, info = filter_of(lookup_world.LOOKUP).step(state, reading, assets, params, draw)
         if info is not None:
             seconds.append(time.perf_counter() - began)
     return statistics.median(seconds[5:])

@@ -20,14 +20,14 @@ from pfcli.core.evaluation.se2 import wrap
 from pfcli.core.geometry import compose
 from pfcli.core.grid import raycast
 from pfcli.core.weights import normalize
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.events import Sounding, Sweep
 from pfcli.initial import Initial
 from pfcli.params import build
-from pfcli.registry import system
+from pfcli.registry import filter_of, system
 from pfcli.replay import align
-from pfcli.replay.dead_reckoning import Drive
 from pfcli.replay.log import Log
+from pfcli.replay.settings import Drive
 from pfcli.rng import Draw
 from pfcli.runs import loop
 from pfcli.simulation.scenario import WHEEL_RADIUS_M
@@ -53,7 +53,7 @@ class World:
         motion = "encoders" if Log(self.log).choose("encoders") else "odometry"
         events = list(Log(self.log).events([motion, kind, "truth"]))
         truth = {e.stamp_ns: np.array(e[1:4]) for e in events if type(e).__name__ == "Truth"}
-        readings = align.sweeps((e for e in events if type(e).__name__ != "Truth"), motion, DRIVE, Loss())
+        readings = align.sweeps((e for e in events if type(e).__name__ != "Truth"), motion, DRIVE, Dropped())
         self.readings: list[Sweep | Sounding] = [r for r in readings if r.stamp_ns in truth]
         self.truth = [truth[r.stamp_ns] for r in self.readings]
 
@@ -87,7 +87,7 @@ def tells(world: World, assets: Any, params: Any) -> np.ndarray:
 
 def load(world: World, params: Any) -> Any:
     job = loop.Job(LOOKUP, params, [world.log], map=world.log.with_suffix(".yaml"), initial=Initial("inside"))
-    return LOOKUP.load(params, job)
+    return filter_of(LOOKUP).load(params, job)
 
 
 def near(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -104,8 +104,8 @@ def updates_needed(
         reading, truth = world.readings[k], world.truth[k]
         told = told or (telling is not None and bool(telling[k]))
         if state is None:
-            state = LOOKUP.init(params, assets, reading, draw)
-        state, info = LOOKUP.step(state, reading, assets, params, draw)
+            state = filter_of(LOOKUP).init(params, assets, reading, draw)
+        state, info = filter_of(LOOKUP).step(state, reading, assets, params, draw)
         if info is None:
             continue
         count += told
@@ -169,8 +169,8 @@ def pictures(file: str) -> None:
     shown = iter(axes.ravel())
     for reading, truth in zip(world.readings[30:], world.truth[30:], strict=True):
         if state is None:
-            state = LOOKUP.init(params, assets, reading, draw)
-        state, info = LOOKUP.step(state, reading, assets, params, draw)
+            state = filter_of(LOOKUP).init(params, assets, reading, draw)
+        state, info = filter_of(LOOKUP).step(state, reading, assets, params, draw)
         count += info is not None
         if info is None or count not in (1, 2, 4, 6):
             continue

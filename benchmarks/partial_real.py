@@ -16,8 +16,8 @@ from pfcli.core.grid.region import places, region_of
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
 from pfcli.params import build
-from pfcli.registry import system
-from pfcli.replay.log import Settings
+from pfcli.registry import filter_of, system
+from pfcli.replay.settings import Settings
 from pfcli.runs import loop
 
 WEAN_END = np.array([39.78, 39.81, -0.03])
@@ -58,7 +58,7 @@ def cut(name: str, seeds: int) -> None:
         map_yaml.write(Path(folder), grid)
         for seed in range(seeds):
             done = partial_map.localise(log, Path(folder) / "map.yaml", seed, Initial("unknown"))
-            rows = parquet.columns_of(done.infos, system("localize-partial").info)
+            rows = parquet.columns_of(done.infos, filter_of(system("localize-partial")).info)
             stamps, said = np.asarray(rows["t_ns"]), np.asarray(rows["in_map"]) >= 0.5
             index = np.searchsorted(done.result.track.stamps_ns, stamps)
             afterwards = done.result.track.columns["in_map_smoothed"][index] >= 0.5

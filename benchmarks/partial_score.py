@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pfcli.core.evaluation import se2, track_error
 from pfcli.core.grid.region import places, region_of
 from pfcli.formats import map_yaml, parquet
-from pfcli.registry import system
+from pfcli.registry import filter_of, system
 from pfcli.replay.log import Log
 from pfcli.runs import loop
 
@@ -61,7 +61,7 @@ def truth_at(stamps: NDArray[np.int64], log: Path, map_file: Path) -> tuple[NDAr
 
 def beside_truth(done: loop.Run, log: Path, map_file: Path) -> Drive:
     """Compare every update with the truth."""
-    rows = parquet.columns_of(done.infos, system("localize-partial").info)
+    rows = parquet.columns_of(done.infos, filter_of(system("localize-partial")).info)
     stamps = np.asarray(rows["t_ns"])
     there, inside = truth_at(stamps, log, map_file)
     index = np.searchsorted(done.result.track.stamps_ns, stamps)

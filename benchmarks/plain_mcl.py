@@ -16,12 +16,12 @@ from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.grid.scan_points import points_of
 from pfcli.core.resample import systematic
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
 from pfcli.replay import align
-from pfcli.replay.dead_reckoning import Drive
 from pfcli.replay.log import Log
+from pfcli.replay.settings import Drive
 
 SIGMA_M, Z_RAND, BEAMS = 0.1, 0.05, 60
 
@@ -101,7 +101,7 @@ def anywhere(grid: GridMap, n: int, rng: np.random.Generator) -> NDArray[np.floa
 def drive(mcl: PlainMcl, log_file: Path) -> Iterator[tuple[int, float, NDArray[np.float64]]]:
     """Stamp, way (m) and mean pose of each update on a log."""
     last, way = None, 0.0
-    for sweep in align.sweeps(Log(log_file).events(["odometry", "scan"]), "odometry", Drive(), Loss()):
+    for sweep in align.sweeps(Log(log_file).events(["odometry", "scan"]), "odometry", Drive(), Dropped()):
         assert isinstance(sweep, Sweep)
         now = np.array([sweep.odometry])
         moved = between(now if last is None else last, now)[0]

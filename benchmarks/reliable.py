@@ -19,14 +19,14 @@ import worlds
 
 from pfcli.core.evaluation.se2 import wrap
 from pfcli.core.sensor import class_conditional
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
 from pfcli.params import build
-from pfcli.registry import system
+from pfcli.registry import filter_of, system
 from pfcli.replay import align
-from pfcli.replay.dead_reckoning import Drive
 from pfcli.replay.log import Log
+from pfcli.replay.settings import Drive
 from pfcli.runs import loop
 from pfcli.simulation import scenario
 from pfcli.systems.localize_reliable import map_models
@@ -83,7 +83,7 @@ class Judged(Poses):
         job = loop.Job(SYSTEM, build(SYSTEM.params, params, "b"), [log], seed, map=map_file, initial=initial)
         done = loop.execute(job)
         self.seconds = time.perf_counter() - began
-        rows = parquet.columns_of(done.infos, SYSTEM.info)
+        rows = parquet.columns_of(done.infos, filter_of(SYSTEM).info)
         at = done.result.track.columns["update"]
         super().__init__(log, np.asarray(rows["t_ns"]), done.result.track.poses[at], np.asarray(rows["p_success"]))
         self.bound = np.asarray(rows["protection_m"])
@@ -154,7 +154,7 @@ def classes(log: Path, judged: Judged) -> np.ndarray:
     field = class_conditional.build(grid.cells, grid.resolution_m, grid.origin)
     counts = np.zeros(3)
     index = {int(t): k for k, t in enumerate(judged.stamps)}
-    for sweep in align.sweeps(Log(log).events(["odometry", "scan"]), "odometry", Drive(), Loss()):
+    for sweep in align.sweeps(Log(log).events(["odometry", "scan"]), "odometry", Drive(), Dropped()):
         k = index.get(sweep.stamp_ns)
         if k is None or not judged.good[k]:
             continue

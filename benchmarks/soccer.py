@@ -28,8 +28,8 @@ from pfcli.core.threads import set_threads
 from pfcli.core.weights import normalize
 from pfcli.events import Heading, Sighting
 from pfcli.initial import Initial
-from pfcli.registry import system
-from pfcli.replay.dead_reckoning import Drive
+from pfcli.registry import filter_of, system
+from pfcli.replay.settings import Drive
 from pfcli.rng import Draw, Purpose, rng_for
 from pfcli.runs import loop
 from pfcli.simulation import soccer_world
@@ -170,7 +170,7 @@ def localised(trials: range, carried: bool) -> list[int]:
     """Cycle at which each trial has converged; 0: never."""
     set_threads(1)
     params = Params()
-    assets = FUSE.load(params, loop.Job(FUSE, params, []))
+    assets = filter_of(FUSE).load(params, loop.Job(FUSE, params, []))
     return [_converged(trial, carried, params, assets) for trial in trials]
 
 
@@ -178,8 +178,8 @@ def _converged(trial: int, carried: bool, params: Params, assets: Any) -> int:
     draw, state, good = Draw(trial), None, 0
     for k, (sighting, truth) in enumerate(cycles(0, trial, carried)):
         if state is None:
-            state = FUSE.init(params, assets, sighting, draw)
-        state, _ = FUSE.step(state, sighting, assets, params, draw)
+            state = filter_of(FUSE).init(params, assets, sighting, draw)
+        state, _ = filter_of(FUSE).step(state, sighting, assets, params, draw)
         after = k - 25 if carried else k
         if after < 0:
             continue
@@ -217,7 +217,7 @@ def speed() -> None:
     """One update of 500 particles with 100 points; the same evidence by table and without."""
     set_threads(1)
     params = Params()
-    assets = FUSE.load(params, loop.Job(FUSE, params, []))
+    assets = filter_of(FUSE).load(params, loop.Job(FUSE, params, []))
     began = time.perf_counter()
     field_lines.build(assets.field.lines)
     print(f"table of the field: {time.perf_counter() - began:.3f} s")
@@ -226,9 +226,9 @@ def speed() -> None:
         draw, state = Draw(0), None
         for sighting, _ in cycles(0, trial, False):
             if state is None:
-                state = FUSE.init(params, assets, sighting, draw)
+                state = filter_of(FUSE).init(params, assets, sighting, draw)
             began = time.perf_counter()
-            state, _ = FUSE.step(state, sighting, assets, params, draw)
+            state, _ = filter_of(FUSE).step(state, sighting, assets, params, draw)
             took.append(1e3 * (time.perf_counter() - began))
     print(f"update, 500 particles, 100 points, one thread: median {np.median(took):.3f} ms")
     rng = np.random.default_rng(0)

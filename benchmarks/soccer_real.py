@@ -17,13 +17,13 @@ import numpy as np
 
 from pfcli.cli.commands.calibrate_omni import rolled_of_log
 from pfcli.core.geometry import between, compose
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.events import Heading, LinePoints, Sighting, Ticks, Truth
 from pfcli.formats import line_frames, rosbag, tick_logs
 from pfcli.formats.log_writer import LogWriter
-from pfcli.registry import system
-from pfcli.replay.dead_reckoning import Drive
-from pfcli.replay.log import Log, Settings
+from pfcli.registry import filter_of, system
+from pfcli.replay.log import Log
+from pfcli.replay.settings import Drive, Settings
 from pfcli.rng import Draw, Purpose, rng_for
 from pfcli.runs import loop
 from pfcli.simulation import soccer_world
@@ -67,7 +67,7 @@ def frames() -> None:
 
 def _best(field: str, sighting: Sighting, range_m: float = 9.0) -> np.ndarray:
     params = Params(field=field, max_range_m=range_m, points=1000)
-    assets = FUSE.load(params, loop.Job(FUSE, params, []))
+    assets = filter_of(FUSE).load(params, loop.Job(FUSE, params, []))
     found = start_on_field.peaks(view_of(sighting, assets, params), None, assets, params, np.random.default_rng(0))
     return np.asarray(found.mean[int(np.argmax(found.weight))])
 
@@ -75,7 +75,7 @@ def _best(field: str, sighting: Sighting, range_m: float = 9.0) -> np.ndarray:
 def _fit(field: str, points: np.ndarray, pose: np.ndarray) -> float:
     """Evidence of a frame at a pose as a share of the best that its points could have."""
     params = Params(field=field, max_range_m=9.0)
-    assets = FUSE.load(params, loop.Job(FUSE, params, []))
+    assets = filter_of(FUSE).load(params, loop.Job(FUSE, params, []))
     view = view_of(Sighting(0, (0.0, 0.0, 0.0), points, ()), assets, params)
     return float(of_lines(pose[None], view, assets, params)[0] / view.best)
 
@@ -92,9 +92,11 @@ def _frame(name: str, field: str, frame: line_frames.Frame, known: np.ndarray) -
         found = []
         for seed in range(10):
             params = Params(field=field, max_range_m=9.0)
-            assets = FUSE.load(params, loop.Job(FUSE, params, []))
+            assets = filter_of(FUSE).load(params, loop.Job(FUSE, params, []))
             sighting, draw = Sighting(1, (0.0, 0.0, 0.0), points, (), compass), Draw(seed)
-            state, _ = FUSE.step(FUSE.init(params, assets, sighting, draw), sighting, assets, params, draw)
+            state, _ = filter_of(FUSE).step(
+                filter_of(FUSE).init(params, assets, sighting, draw), sighting, assets, params, draw
+            )
             found.append((state.pose, state.mirror_p[-1]))
         off = [_off(pose, known) for pose, _ in found]
         either = [min(_off(pose, known), _off(turned(pose[None])[0], known)) for pose, _ in found]
@@ -122,8 +124,8 @@ def wheels() -> None:
         rosbag.convert(DATA / "polimi-mecanum/bag1.bag", bag, "zstd")
         topics = {"truth": "/robot/pose"}
         halves = [
-            rolled_of_log(Log(bag, Settings(topics=topics, end_s=29.4)), POLIMI, Loss()),
-            rolled_of_log(Log(bag, Settings(topics=topics, start_s=29.4)), POLIMI, Loss()),
+            rolled_of_log(Log(bag, Settings(topics=topics, end_s=29.4)), POLIMI, Dropped()),
+            rolled_of_log(Log(bag, Settings(topics=topics, start_s=29.4)), POLIMI, Dropped()),
         ]
         tested = []
         for k in (0, 1):
@@ -132,7 +134,7 @@ def wheels() -> None:
         print(f"PoliMi, mean of both ways: {np.mean(tested):.3f} m")
         for kind, drive in (("omni3", OMNI3), ("omni4", OMNI4)):
             runs = [
-                rolled_of_log(_mcap(path, folder), drive, Loss())
+                rolled_of_log(_mcap(path, folder), drive, Dropped())
                 for path in sorted((DATA / "optiodom" / kind).glob("*_run-*.csv"))
             ]
             fit = base_calibration.fit_wheels(runs[:1], drive)

@@ -22,7 +22,8 @@ from pfcli.formats import (
 )
 from pfcli.formats.limits import Limits
 from pfcli.replay import plausible
-from pfcli.replay.log import Log, Settings
+from pfcli.replay.log import Log
+from pfcli.replay.settings import Settings
 
 LIMITS = Limits(chunk_mib=4, buffer_mib=16)
 CDR = [(role, kind) for role, kinds in messages.ROLES.items() for kind in kinds if not kind.startswith("pfcli.")]

@@ -3,7 +3,7 @@
 from collections import Counter
 
 
-class Loss:
+class Dropped:
     """What a replay had to leave out: counts by reason, and the sentences that say where."""
 
     def __init__(self) -> None:
@@ -12,7 +12,7 @@ class Loss:
         self.read: Counter[str] = Counter()
 
     def add(self, why: str, note: str, keep: int = 1) -> None:
-        """Count one loss; the first notes of a kind are kept."""
+        """Count one dropped; the first notes of a kind are kept."""
         self.counts[why] += 1
         if self.counts[why] <= keep:
             self.notes.append(note)
@@ -20,7 +20,7 @@ class Loss:
     def __bool__(self) -> bool:
         return bool(self.counts)
 
-    def take(self, other: "Loss") -> None:
+    def take(self, other: "Dropped") -> None:
         """Add what another replay lost."""
         self.counts.update(other.counts)
         self.read.update(other.read)

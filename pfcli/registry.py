@@ -1,84 +1,82 @@
-"""The systems by the name of their command; a module is imported only when its system is used."""
+"""The systems that are installed, found by the entry point `pfcli.systems`: ours and anybody's."""
 
 import importlib
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
-SYSTEMS = {
-    "fuse-soccer": "pfcli.systems.fuse_soccer.filter:SYSTEM",
-    "localize-lookup": "pfcli.systems.localize_lookup.filter:SYSTEM",
-    "localize-partial": "pfcli.systems.localize_partial.filter:SYSTEM",
-    "localize-reliable": "pfcli.systems.localize_reliable.filter:SYSTEM",
-    "slam-gdr": "pfcli.systems.slam_gdr.filter:SYSTEM",
-    "slam-gdr-landmarks": "pfcli.systems.slam_landmarks.filter:SYSTEM",
-}
+from pfcli.errors import UsageError
 
-PARAMS = {
-    "fuse-soccer": "pfcli.systems.fuse_soccer.params:Params",
-    "localize-lookup": "pfcli.systems.localize_lookup.params:Params",
-    "localize-partial": "pfcli.systems.localize_partial.params:Params",
-    "localize-reliable": "pfcli.systems.localize_reliable.params:Params",
-    "slam-gdr": "pfcli.systems.slam_gdr.params:Params",
-    "slam-gdr-landmarks": "pfcli.systems.slam_landmarks.params:Params",
-}
+if TYPE_CHECKING:
+    from pfcli.systems.shared.contract import AnyFilter, System
 
-LANDMARKS = {"slam-gdr": "slam-gdr-landmarks"}
-"""Command -> the system that it is with --landmarks."""
-
-MAPPED = frozenset({"localize-lookup", "localize-partial", "localize-reliable"})
-"""Systems that need a map: their commands have --map."""
-
-LOCALISERS = MAPPED | {"fuse-soccer"}
-"""Systems whose poses are in a frame that is given: their commands have --initial and --heading-prior."""
-
-SUMMARY = {
-    "fuse-soccer": "A soccer robot on its field, from wheels, field lines and landmarks, and a compass.",
-    "localize-lookup": "Global localisation: headings from one match, ranges from a precomputed table.",
-    "localize-partial": "Monte Carlo localisation in an incomplete map: where, and is the robot in the map at all?",
-    "localize-reliable": "A pose that says whether it can be trusted, which beams the map explains, and finds itself again.",
-    "slam-gdr": "Rao-Blackwellised SLAM with Gaussian distributed resampling, from laser scans or landmarks.",
-}
+SYSTEMS = "pfcli.systems"
+RESAMPLERS = "pfcli.resamplers"
 
 
-class System(NamedTuple):
-    """One particle-filter system.
-
-    needs: alternatives, each a set of event kinds that is enough to run; wants: kinds that are read whenever the log has them;
-    readings: what its users call what it is fed; unusable: what none of them does where nothing could be estimated;
-    load(params, settings) -> assets (tables, maps); init(params, assets, first odometry pose, draw) -> state;
-    step(state, reading, assets, params, draw) -> (state, Info or None); finish(state, ...) -> Result.
-    """
-
-    name: str
-    params: type
-    info: type
-    needs: tuple[frozenset[str], ...]
-    load: Callable[..., Any]
-    init: Callable[..., Any]
-    step: Callable[..., Any]
-    finish: Callable[..., Any]
-    wants: tuple[str, ...] = ()
-    readings: str = "scans"
-    unusable: str = "has a usable beam (see --max-range-m)"
+@cache
+def systems() -> "Mapping[str, System]":
+    """Name of the command -> record. Raises UsageError where pfcli itself is not installed, or where two packages bring a system
+    of the same name."""
+    return MappingProxyType({name: _record(point) for name, point in _points(SYSTEMS).items()})
 
 
-def _resolve(target: str) -> Any:
-    module, name = target.split(":")
-    return getattr(importlib.import_module(module), name)
+@cache
+def records() -> "Mapping[str, System]":
+    """Every record by its key: those behind flags of a command too."""
+    found = {}
+    for system in systems().values():
+        found[system.key] = system
+        found |= {variant.key: variant for variant in system.variants.values()}
+    return MappingProxyType(found)
 
 
-def system(name: str) -> System:
-    """The System record behind a command name."""
-    found: System = _resolve(SYSTEMS[name])
+def system(name: str) -> "System":
+    """The record of a name as commands, `run.json` or `pfcli params` say it. Raises UsageError for an unknown one."""
+    found = records().get(name.replace(" --", "-"))
+    if found is None:
+        raise UsageError(f"there is no system {name!r}; known: {', '.join(records())}")
     return found
 
 
-def params_class(name: str) -> type:
-    """The Params class of a system, without importing its kernels."""
-    found: type = _resolve(PARAMS[name])
+def filter_of(system: "System") -> "AnyFilter":
+    """The functions of a system; its kernels are imported now."""
+    module, name = system.filter.split(":")
+    found: AnyFilter = getattr(importlib.import_module(module), name)
     return found
 
 
-def all_systems() -> Iterator[System]:
-    """Every registered system."""
-    return (system(name) for name in SYSTEMS)
+@cache
+def resamplers() -> Mapping[str, Callable[..., Any]]:
+    """Name -> resampler: `ancestors(weights, count, rng) -> int64 (count,)`. See `pfcli.systems.shared.resampling`."""
+    return MappingProxyType({name: point.load() for name, point in _points(RESAMPLERS).items()})
+
+
+def resampler_names() -> tuple[str, ...]:
+    """The names of all resamplers, without importing one."""
+    return tuple(_points(RESAMPLERS))
+
+
+def _points(group: str) -> dict[str, EntryPoint]:
+    found: dict[str, EntryPoint] = {}
+    for point in sorted(entry_points(group=group), key=lambda point: point.name):
+        other = found.setdefault(point.name, point)
+        if other.value != point.value:
+            raise UsageError(
+                f"{group}: {point.name!r} is brought by two packages, as {other.value} and {point.value}; uninstall one"
+            )
+    if not any(point.value.startswith("pfcli.") for point in found.values()):
+        raise UsageError("pfcli is not installed, so its systems cannot be found: pip install -e .")
+    return found
+
+
+def _record(point: EntryPoint) -> "System":
+    try:
+        record: System = point.load()
+    except Exception as error:
+        raise UsageError(f"system {point.name!r} ({point.value}) cannot be imported: {error}") from None
+    if getattr(record, "name", None) != point.name:
+        raise UsageError(f"system {point.name!r}: {point.value} is no System record of that name")
+    return record

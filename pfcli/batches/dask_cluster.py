@@ -1,4 +1,4 @@
-"""The same jobs on a Dask cluster (`pfcli[dask]`)."""
+"""The same jobs on a Dask cluster (`pfcli-robotics[dask]`)."""
 
 import hashlib
 import os
@@ -55,7 +55,7 @@ def run_dask(tasks: list[Task], tally: Tally, scheduler: str, cli: CommandLine, 
     try:
         from distributed import Client, as_completed
     except ImportError:
-        raise UsageError("--scheduler needs Dask: pip install 'pfcli[dask]'") from None
+        raise UsageError("--scheduler needs Dask: pip install 'pfcli-robotics[dask]'") from None
     try:
         client = Client(scheduler, timeout=3)
     except (OSError, ValueError, TimeoutError) as error:

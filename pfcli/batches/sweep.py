@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 from pfcli.batches.worker import CommandLine
 from pfcli.errors import PfcliError, UsageError
 from pfcli.formats.toml_file import read_toml
-from pfcli.registry import SUMMARY
+from pfcli.registry import systems
 
 _FIELDS = ("logs", "systems", "seeds", "options", "grid", "points")
 _OURS = ("out", "force", "json", "quiet", "progress", "seed", "threads", "plot", "overlay", "help")
@@ -115,8 +115,8 @@ def _list(path: Path, given: dict[str, Any], name: str) -> list[str]:
 def _systems(path: Path, given: dict[str, Any]) -> list[str]:
     names = _list(path, given, "systems")
     for name in names:
-        if name not in SUMMARY:
-            raise UsageError(f"{path}: field 'systems': {name!r} is none of {', '.join(SUMMARY)}")
+        if name not in systems():
+            raise UsageError(f"{path}: field 'systems': {name!r} is none of {', '.join(systems())}")
     return names
 
 
@@ -154,7 +154,7 @@ def _points(path: Path, given: dict[str, Any], system: str) -> Iterator[dict[str
         raise UsageError(f"{path}: 'options' and 'grid' must be tables, 'points' a list of one or more")
     for table in (grid, given.get("options", {})):
         for name, value in table.items():
-            if isinstance(value, dict) and name not in SUMMARY:
+            if isinstance(value, dict) and name not in systems():
                 raise UsageError(f"{path}: table {name!r} is named like no system")
     axes = _of(grid, system)
     for name, values in axes.items():

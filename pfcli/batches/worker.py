@@ -36,7 +36,7 @@ def perform(cli: CommandLine, system: str, words: Sequence[str], record: dict[st
     words = (*words, "--out", str(target))
     job = cli.job(system, words)._replace(command=("pfcli", system, *words))
     done = loop.execute(job)
-    code = EXIT_PARTIAL if done.loss else EXIT_DONE
+    code = EXIT_PARTIAL if done.dropped else EXIT_DONE
     with output_dir(target, force=True) as folder:
         results.write(folder, job, done)
         (folder / "job.json").write_text(json.dumps({**record, "exit": code}, indent=2) + "\n")

@@ -9,7 +9,7 @@ import click
 
 from pfcli import __version__
 from pfcli.errors import EXIT_FAILED, EXIT_INTERRUPTED, PfcliError, printable, reason
-from pfcli.registry import SUMMARY
+from pfcli.registry import systems
 
 _COMMANDS = {
     "info": ("pfcli.cli.commands.info:info", "What a log holds, and which systems it can feed."),
@@ -38,10 +38,10 @@ class _Lazy(click.Group):
     """Imports a command when it is asked for, so that --help stays fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*SUMMARY, *_COMMANDS]
+        return [*systems(), *_COMMANDS]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name in SUMMARY:
+        if name in systems():
             found: click.Command = importlib.import_module("pfcli.cli.system_command").command(name)
             return found
         if name not in _COMMANDS:
@@ -52,7 +52,7 @@ class _Lazy(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Systems"):
-            formatter.write_dl(list(SUMMARY.items()))
+            formatter.write_dl([(name, system.summary) for name, system in systems().items()])
         with formatter.section("Around them"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
 

@@ -10,7 +10,7 @@ import click
 from pfcli.cli.types import Finite
 from pfcli.errors import UsageError
 from pfcli.formats.toml_file import read_toml
-from pfcli.replay.dead_reckoning import BASES, Drive
+from pfcli.replay.settings import BASES, Drive
 
 _DRIVE_FILE = {
     "base": "base",

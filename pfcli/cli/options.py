@@ -12,54 +12,78 @@ from pfcli.cli.types import Finite, max_chunk_option, max_map_option
 from pfcli.cli.vision_options import image_of, vision_options
 from pfcli.errors import UsageError
 from pfcli.formats.limits import DEFAULTS, Limits
-from pfcli.formats.messages import ROLES
+from pfcli.formats.roles import ROLES
 from pfcli.formats.toml_file import read_toml
 from pfcli.initial import Initial, parse
-from pfcli.params import build, fields
-from pfcli.registry import LOCALISERS, MAPPED
-from pfcli.replay.align import SOURCES
-from pfcli.replay.log import Settings
+from pfcli.params import Field, build, fields
+from pfcli.replay.settings import SOURCES, Settings
+from pfcli.systems.shared.contract import System
 
 _Command = Callable[..., Any]
 _FARTHEST_OFFSET_S = 2e9
 
 
-def system_options(params: type, landmarks: type | None = None) -> Callable[[_Command], _Command]:
+def system_options(system: System) -> Callable[[_Command], _Command]:
     """One click option per parameter; None where the flag is not given, so that TOML and defaults show through.
 
-    landmarks: parameters of the system that the command is with --landmarks; shared names are one option.
+    The parameters of variants behind a flag are options of the same command; shared names are one option.
     """
-    own = fields(params)
-    more = {field.name: field for field in fields(landmarks)} if landmarks is not None else {}
-    extra = [field for name, field in more.items() if name not in {f.name for f in own}]
+    own = fields(system.params)
+    names = {field.name for field in own}
+    variants = {flag: {field.name: field for field in fields(v.params)} for flag, v in system.variants.items()}
+    extra = {
+        name: (flag, field) for flag, more in variants.items() for name, field in more.items() if name not in names
+    }
 
     def add(command: _Command) -> _Command:
-        for field in reversed([*own, *extra]):
-            note = f"{field.opt.help} [{field.opt.unit}]" if field.opt.unit else field.opt.help
-            other = more.get(field.name)
-            if field in extra:
-                note = f"--landmarks: {note}"
-            default = str(field.default).lower() if field.kind is bool else field.default
-            both = f"; --landmarks: {other.default}" if other and other.default != field.default else ""
-            shown = f"{note}  (default: {default}{both})"
-            if field.kind is bool:
-                declared = f"{field.flag}/--no-{field.flag[2:]}"
-                command = click.option(declared, field.name, default=None, help=shown)(command)
-            else:
-                kind: Any = click.Choice(field.opt.choices) if field.opt.choices else field.kind
-                command = click.option(field.flag, field.name, type=kind, default=None, help=shown)(command)
+        for flag, field in reversed(extra.values()):
+            command = _option(field, f"--{flag}: {_note(field)}  (default: {_shown(field)})")(command)
+        for field in reversed(own):
+            others = [(flag, more[field.name]) for flag, more in variants.items() if field.name in more]
+            both = "".join(f"; --{flag}: {other.default}" for flag, other in others if other.default != field.default)
+            command = _option(field, f"{_note(field)}  (default: {_shown(field)}{both})")(command)
+        for flag, variant in system.variants.items():
+            command = click.option(f"--{flag}", flag, is_flag=True, help=variant.summary)(command)
         return command
 
     return add
 
 
-def build_params(params: type, given: dict[str, Any], file: Path | None, other: type | None = None) -> Any:
-    """Flag over TOML over default. Raises UsageError naming the flag or the file's field, or a flag of the `other` system of
-    the same command."""
+def _note(field: Field) -> str:
+    return f"{field.opt.help} [{field.opt.unit}]" if field.opt.unit else field.opt.help
+
+
+def _shown(field: Field) -> str:
+    return str(field.default).lower() if field.kind is bool else str(field.default)
+
+
+def _option(field: Field, text: str) -> Callable[[_Command], _Command]:
+    if field.kind is bool:
+        return click.option(f"{field.flag}/--no-{field.flag[2:]}", field.name, default=None, help=text)
+    kind: Any = click.Choice(field.opt.choices) if field.opt.choices else field.kind
+    return click.option(field.flag, field.name, type=kind, default=None, help=text)
+
+
+def chosen(system: System, given: dict[str, Any]) -> System:
+    """The record that the flags of a command choose: the system's own, or that of a variant.
+
+    Raises UsageError for an option that only another of them has, or for two variants."""
+    flags = [flag for flag in system.variants if given.get(flag)]
+    if len(flags) > 1:
+        raise UsageError(f"--{flags[0]} and --{flags[1]} do not go together")
+    found = system.variants[flags[0]] if flags else system
+    names = {field.name for field in fields(found.params)}
+    for flag, other in (("", system), *system.variants.items()):
+        for field in fields(other.params):
+            if field.name not in names and given.get(field.name) is not None:
+                where = f"with --{flag}" if flag else f"without --{flags[0]}"
+                raise UsageError(f"{field.flag} goes {where}")
+    return found
+
+
+def build_params(params: type, given: dict[str, Any], file: Path | None) -> Any:
+    """Flag over TOML over default. Raises UsageError naming the flag or the file's field."""
     names = {field.name for field in fields(params)}
-    for field in fields(other) if other is not None else []:
-        if field.name not in names and given.get(field.name) is not None:
-            raise UsageError(f"{field.flag} goes {'without' if given['landmarks'] else 'with'} --landmarks")
     values: dict[str, Any] = {}
     if file is not None:
         values = read_toml(file, "--params")
@@ -111,13 +135,13 @@ def settings_of(given: dict[str, Any]) -> Settings:
     )
 
 
-def localiser_options(name: str) -> Callable[[_Command], _Command]:
+def localiser_options(system: System) -> Callable[[_Command], _Command]:
     """Options of the systems that localise in a given frame: where they start, and the map if they need one."""
 
     def add(command: _Command) -> _Command:
-        if name not in LOCALISERS:
+        if system.frame != "given":
             return command
-        if name in MAPPED:
+        if system.map:
             command = click.option(
                 "--map", "map_file", type=click.Path(path_type=Path), required=True, help="Map YAML to localise in."
             )(max_map_option(command))

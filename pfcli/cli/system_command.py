@@ -1,7 +1,7 @@
 """The command of a system: replay logs through it and write the results."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,15 @@ import click
 from pfcli import registry
 from pfcli.batches.worker import CommandLine, Flag
 from pfcli.cli.drive_options import drive_of
-from pfcli.cli.options import build_params, initial_of, localiser_options, reading_options, settings_of, system_options
+from pfcli.cli.options import (
+    build_params,
+    chosen,
+    initial_of,
+    localiser_options,
+    reading_options,
+    settings_of,
+    system_options,
+)
 from pfcli.cli.types import Readable
 from pfcli.errors import UsageError
 from pfcli.formats.atomic import check, check_picture, interrupt_on_terminate, output_dir
@@ -41,12 +49,18 @@ class _Grouped(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         rows: dict[str, list[tuple[str, str]]] = {"Input": [], "Filter": [], "Output": []}
-        own = {f.name for name in (self.name, registry.LANDMARKS.get(str(self.name))) if name for f in _fields(name)}
+        system = registry.system(str(self.name))
+        own = {f.name for record in (system, *system.variants.values()) for f in fields(record.params)}
+        own |= {*_OF_FILTER, *system.variants}
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if isinstance(param, click.Option) and record is not None:
                 group = (
-                    "Output" if param.name in _OUTPUT else "Filter" if param.name in (*own, *_OF_FILTER) else "Input"
+                    "Output"
+                    if param.name in _OUTPUT
+                    else "Filter"
+                    if param.name in (*own, *_OF_FILTER, *system.variants)
+                    else "Input"
                 )
                 rows[group].append(record)
         for title, records in rows.items():
@@ -54,22 +68,17 @@ class _Grouped(click.Command):
                 formatter.write_dl(records)
 
 
-_OF_FILTER = ("seed", "params_file", "landmarks")
-
-
-def _fields(name: str) -> list[Any]:
-    return fields(registry.params_class(name))
+_OF_FILTER = ("seed", "params_file")
 
 
 @cache
 def command(name: str) -> click.Command:
     """The click command of the system `name`; its kernels are imported only when it runs."""
-    params = registry.params_class(name)
-    second = registry.params_class(registry.LANDMARKS[name]) if name in registry.LANDMARKS else None
+    system = registry.system(name)
     logs = "LOGS: MCAP files in order of time; `-`: standard input."
-    usage = f"Example: pfcli {name} log.mcap{' --map map.yaml' if name in registry.MAPPED else ''} --out out/run"
+    usage = f"Example: pfcli {name} log.mcap{' --map map.yaml' if system.map else ''} --out out/run"
 
-    @click.command(name, cls=_Grouped, help="\n\n".join((registry.SUMMARY[name], logs, usage)))
+    @click.command(name, cls=_Grouped, help="\n\n".join((system.summary, logs, usage)))
     @click.argument("logs", nargs=-1, required=True, type=Readable())
     @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
     @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
@@ -107,35 +116,25 @@ def command(name: str) -> click.Command:
     )
     @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
     @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
-    @_landmarks_option(second is not None)
     @reading_options
-    @localiser_options(name)
-    @system_options(params, second)
+    @localiser_options(system)
+    @system_options(system)
     def system_command(**given: Any) -> int:
         return _run(name, given)
 
     return system_command
 
 
-def _landmarks_option(wanted: bool) -> Callable[[Any], Any]:
-    flag = click.option("--landmarks", is_flag=True, help="Use detections of landmarks instead of laser scans.")
-    return flag if wanted else lambda command: command
-
-
 def job_of(name: str, given: dict[str, Any]) -> "Job":
     """The job that the command `name` with these options runs."""
-    params, other = registry.params_class(name), None
-    if name in registry.LANDMARKS:
-        other = registry.params_class(registry.LANDMARKS[name])
-        if given["landmarks"]:
-            name, params, other = registry.LANDMARKS[name], other, params
-    built = build_params(params, given, given["params_file"], other)
+    system = chosen(registry.system(name), given)
+    built = build_params(system.params, given, given["params_file"])
     settings = settings_of(given)
 
     from pfcli.runs import loop
 
     return loop.Job(
-        registry.system(name),
+        system,
         built,
         given["logs"],
         given["seed"],

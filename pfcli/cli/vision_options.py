@@ -8,7 +8,7 @@ import click
 
 from pfcli.cli.types import Finite
 from pfcli.errors import UsageError
-from pfcli.replay.vision import RANGES, Image
+from pfcli.replay.settings import RANGES, Image
 
 
 def image_of(px_per_cm: float | None, centre: str | None) -> Image | None:

@@ -23,7 +23,6 @@ from pfcli.events import (
     Scan,
     SourceStamp,
     Steering,
-    Ticks,
     Truth,
     Twist,
     Wheels,
@@ -35,50 +34,6 @@ from pfcli.formats.schemas import typestore
 
 SECOND = 1_000_000_000
 _EVERY_M, _LONGEST_MARKING_M = 0.2, 1000.0
-
-ROLES: dict[str, dict[str, type]] = {
-    "odometry": {"nav_msgs/msg/Odometry": Odometry, "pfcli.Odometry": Odometry},
-    "encoders": {"sensor_msgs/msg/JointState": Wheels, "pfcli.WheelEncoders": Ticks},
-    "twist": {
-        "geometry_msgs/msg/TwistStamped": Twist,
-        "ackermann_msgs/msg/AckermannDriveStamped": Steering,
-        "pfcli.Twist": Twist,
-        "pfcli.Ackermann": Steering,
-    },
-    "imu": {"sensor_msgs/msg/Imu": YawRate},
-    "compass": {
-        "pfcli.Heading": Heading,
-        "sensor_msgs/msg/MagneticField": Heading,
-        "sensor_msgs/msg/Imu": Heading,
-    },
-    "scan": {"sensor_msgs/msg/LaserScan": Scan, "pfcli.LaserScan": Scan},
-    "range": {"sensor_msgs/msg/Range": Range, "pfcli.Range": Range},
-    "lines": {
-        "pfcli.LinePoints": LinePoints,
-        "soccer_vision_3d_msgs/msg/MarkingArray": LinePoints,
-    },
-    "landmarks": {
-        "pfcli.Landmarks": Landmarks,
-        "vision_msgs/msg/Detection3DArray": Landmarks,
-        "vision_msgs/msg/Detection2DArray": Landmarks,
-        "soccer_vision_3d_msgs/msg/GoalpostArray": Landmarks,
-        "soccer_vision_3d_msgs/msg/MarkingArray": Landmarks,
-    },
-    "truth": {
-        "geometry_msgs/msg/PoseStamped": Truth,
-        "pfcli.Pose2D": Truth,
-        "nav_msgs/msg/Odometry": Truth,
-    },
-    "source_stamp": {"std_msgs/msg/String": SourceStamp},
-}
-"""Role in a run -> message type -> event kind."""
-
-MANY = ("range", "landmarks")
-"""Roles that several topics may play together."""
-
-RANK = {role: rank for rank, role in enumerate(ROLES)}
-RANK.update(source_stamp=-1, scan=20, range=21, lines=22, landmarks=23, truth=-2)
-"""Order of events with equal stamps: truth and source stamp first, motion next, what depends on motion last."""
 
 Decoder = Callable[[Any, int, int, int], tuple[Event, str]]
 """(buffer, offset, length, stamp_ns) -> the event and the frame it is given in."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.events import (
     Event,
     Heading,
@@ -24,10 +24,8 @@ from pfcli.events import (
     SourceStamp,
     Sweep,
 )
-from pfcli.replay.dead_reckoning import SECOND, DeadReckoning, Drive
-
-SOURCES = ("auto", "odometry", "odometry-twist", "encoders", "twist", "imu")
-"""Where motion comes from; imu: yaw rate of the gyroscope with the speed of wheels, twist or odometry."""
+from pfcli.replay.dead_reckoning import SECOND, DeadReckoning
+from pfcli.replay.settings import Drive
 
 ROLES = {
     "odometry": ("odometry",),
@@ -108,14 +106,14 @@ class _Instant(NamedTuple):
 
 
 def sweeps(
-    events: Iterable[Event], source: str, drive: Drive, loss: Loss, max_gap_s: float = 1.0
+    events: Iterable[Event], source: str, drive: Drive, dropped: Dropped, max_gap_s: float = 1.0
 ) -> Iterator[Sweep | Sounding | Sighting]:
     """Scans (rounds of the range finders, sightings) with the odometry pose of their own stamp, interpolated between the
     motion events around it.
 
-    A reading before the first or more than `max_gap_s` after the last motion event is counted in `loss`.
+    A reading before the first or more than `max_gap_s` after the last motion event is counted in `dropped`.
     """
-    reckon = DeadReckoning(source, drive, loss)
+    reckon = DeadReckoning(source, drive, dropped)
     before: _Instant | None = None
     text = SourceStamp(-1, "")
     compass = _Compass()
@@ -144,14 +142,14 @@ def sweeps(
             reading, name = waiting.popleft()
             if before is None and reading.stamp_ns < odometry.stamp_ns:
                 what = "sighting" if isinstance(reading, Sighting) else "scan"
-                loss.add(
+                dropped.add(
                     f"{what} before odometry", f"{what}s before the first message of the motion source have no pose"
                 )
                 continue
             start = before if before is not None else after
             gap_s = (odometry.stamp_ns - start.odometry.stamp_ns) / SECOND
             if gap_s > max_gap_s:
-                loss.add("gap in odometry", f"odometry pauses for {gap_s:.1f} s; poses there are interpolated")
+                dropped.add("gap in odometry", f"odometry pauses for {gap_s:.1f} s; poses there are interpolated")
             yield _joined(reading, _between(start, after, reading.stamp_ns), name, reckon)
         before = after
     for reading, name in waiting:
@@ -159,7 +157,7 @@ def sweeps(
             yield _joined(reading, before, name, reckon)
         else:
             what = "sighting" if isinstance(reading, Sighting) else "scan"
-            loss.add(f"{what} without odometry", f"{what}s after the last message of the motion source have no pose")
+            dropped.add(f"{what} without odometry", f"{what}s after the last message of the motion source have no pose")
 
 
 class _Compass:

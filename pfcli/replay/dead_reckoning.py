@@ -1,94 +1,34 @@
 """Wheel bases, and poses from what wheels, speeds or a gyroscope report."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.motion import wheels
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import UsageError
 from pfcli.events import Event, Odometry, Steering, Ticks, Twist, Wheels, YawRate
+from pfcli.replay.settings import Drive
 
 SECOND = 1_000_000_000
-BASES = ("differential", "omni", "mecanum")
-_CORNERS = (("front", "left"), ("front", "right"), ("rear", "left"), ("rear", "right"))
 
 _UPRIGHT_RAD = 1.5
 _FASTEST_MPS, _SHORTEST_S = 30.0, 0.1
 """No wheel of a robot runs faster; stamps of one burst may be nearer to each other than the motion they report."""
 
 
-class Drive(NamedTuple):
-    """A wheel base. base: `differential` (track_m), `omni` (arm_m from the centre; angle_deg: the paper's phi of four
-    wheels, or the bearing of each wheel) or `mecanum` (track_m, axles_m apart). joints: of the wheels, in the base's order;
-    radius_m: one for all, or one for each; ticks_per_turn: of joints whose position counts ticks (0: it is in rad)."""
-
-    base: str = "differential"
-    joints: tuple[str, ...] | None = None
-    radius_m: tuple[float, ...] = ()
-    track_m: float = 0.0
-    axles_m: float = 0.0
-    arm_m: float = 0.0
-    angle_deg: tuple[float, ...] = ()
-    ticks_per_turn: float = 0.0
-
-    @property
-    def sides(self) -> tuple[tuple[str, ...], ...]:
-        """Words that tell the wheels of this base by their joints' names, in order; empty where names do not tell."""
-        if self.base == "differential":
-            return (("left",), ("right",))
-        if self.base == "mecanum":
-            return _CORNERS
-        return tuple(_CORNERS[k] for k in (2, 0, 1, 3)) if len(self.angle_deg) == 1 else ()
-
-    def jacobian(self) -> wheels.Jacobian:
-        """Travel of each wheel per step of the robot. Raises UsageError naming the flag whose value is missing."""
-        needed = {
-            "differential": [("--track-width-m", self.track_m)],
-            "omni": [("--wheel-arm-m", self.arm_m), ("--wheel-angle-deg", float(len(self.angle_deg)))],
-            "mecanum": [("--track-width-m", self.track_m), ("--axle-distance-m", self.axles_m)],
-        }[self.base]
-        missing = [
-            name for name, value in [("--wheel-radius-m", min(self.radius_m, default=0.0)), *needed] if value <= 0
-        ]
-        if missing:
-            others = "; other wheels: --base" if self.base == BASES[0] else ""
-            raise UsageError(
-                f"motion from encoders needs {' and '.join(missing)} (> 0) of the {self.base} base{others}, or a --drive file"
-            )
-        if self.base == "differential":
-            return wheels.differential(self.track_m)
-        if self.base == "mecanum":
-            return wheels.mecanum(self.axles_m / 2, self.track_m / 2)
-        bearings = [math.radians(a) for a in self.angle_deg]
-        if len(bearings) == 1:
-            if not 0.0 < self.angle_deg[0] < 90.0:
-                raise UsageError(
-                    "--wheel-angle-deg: the angle of four wheels lies between 0 and 90; or give one per wheel"
-                )
-            bearings = list(wheels.four_places(bearings[0]))
-        if len(bearings) < 3:
-            raise UsageError("--wheel-angle-deg: an omni base has three wheels or more; give the bearing of each")
-        found = wheels.omni(bearings, [self.arm_m] * len(bearings))
-        if np.linalg.matrix_rank(found) < 3:
-            raise UsageError(
-                "--wheel-angle-deg: wheels at these bearings cannot tell every motion; three different are needed"
-            )
-        return found
-
-
 class DeadReckoning:
     """Turns motion events into odometry poses (Zhang 2014, eqs (2)-(4); Zhang 2011, eq. (3)); ticks may wrap at 32 bits, and
-    a jump of theirs that no robot can drive is counted in `loss` and left out.
+    a jump of theirs that no robot can drive is counted in `dropped` and left out.
 
     rolled: (2, k), how far each wheel has rolled, with its sign and without (m); jacobian: of the base, None before the
     first encoder message; back: its pseudo-inverse.
     """
 
-    def __init__(self, source: str, drive: Drive, loss: Loss | None = None) -> None:
-        self._loss = Loss() if loss is None else loss
+    def __init__(self, source: str, drive: Drive, dropped: Dropped | None = None) -> None:
+        self._loss = Dropped() if dropped is None else dropped
         self._source = source
         self._drive = drive
         self._pose = (0.0, 0.0, 0.0)

@@ -6,23 +6,24 @@ where a role of the run asks for their topic. What is lost on the way is counted
 
 import math
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Heading, Landmarks, LinePoints, Odometry, Range, Scan, Truth
 from pfcli.formats import json_messages
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
-from pfcli.formats.limits import Limits
 from pfcli.formats.mcap_file import McapFile
 from pfcli.formats.mcap_records import Channel
-from pfcli.formats.messages import MANY, ROLES, SECOND, Decoder, Transform, decoder, transforms, yaw_of
+from pfcli.formats.messages import SECOND, Decoder, Transform, decoder, transforms, yaw_of
+from pfcli.formats.roles import MANY, ROLES
 from pfcli.replay import plausible, vision
 from pfcli.replay.reorder import Reorder, Source, Stamp, Waiting
+from pfcli.replay.settings import Settings
 
 SOURCE_STAMP_TOPIC = "/source_stamp"
 _TF = "tf2_msgs/msg/TFMessage"
@@ -31,22 +32,6 @@ _MOUNTED = (Scan, Range, LinePoints, Landmarks, Heading)
 _VISION = ("lines", "landmarks")
 _PLACES = 10
 """So many damaged places of a log are named; the others are counted."""
-
-
-class Settings(NamedTuple):
-    """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, the image of
-    vision that gives pixels, what landmarks' ranges are (one of `vision.RANGES`), and limits."""
-
-    topics: Mapping[str, str] = {}
-    clock: str = "header"
-    start_s: float | None = None
-    end_s: float | None = None
-    reorder_s: float = 2.0
-    offsets_s: Mapping[str, float] = {}
-    extrinsics: Sequence[str] = ()
-    image: vision.Image | None = None
-    landmark_ranges: str = vision.RANGES[0]
-    limits: Limits = Limits()
 
 
 DEFAULTS = Settings()
@@ -58,7 +43,7 @@ class Log:
     def __init__(self, path: Path, settings: Settings = DEFAULTS) -> None:
         self.path = path
         self.settings = settings
-        self.loss = Loss()
+        self.dropped = Dropped()
         self._file = McapFile(path, settings.limits.chunk_mib)
         self._file.survey()
         self.damage = f" ({self._file.losses[0].partition(': ')[2]})" if self._file.losses else ""
@@ -119,21 +104,21 @@ class Log:
     def events(self, roles: Sequence[str]) -> Iterator[Event]:
         """Events of the topics that play `roles`, in the total order."""
         sources = [s for role in roles for s in self._sources(role)]
-        self.loss = Loss()
+        self.dropped = Dropped()
         mounts: dict[str, Mount] = {}
         reading = self.settings
         offsets = {role: int(s * SECOND) for role, s in reading.offsets_s.items()}
         room = int(reading.limits.buffer_mib * 2**20)
         waiting = Waiting(int(reading.reorder_s * SECOND), room, reading.clock, offsets)
-        order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.loss)
+        order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped)
         for source, buffer, offset, length, stamp_ns in order.messages(self._file.batches()):
             event = self._decoded(source, buffer, offset, length, stamp_ns, mounts)
             if event is not None:
                 yield event
         for note in self._file.losses:
-            self.loss.add("damaged place", note, _PLACES)
+            self.dropped.add("damaged place", note, _PLACES)
         if self._file.missing:
-            self.loss.counts["missing message"] += self._file.missing
+            self.dropped.counts["missing message"] += self._file.missing
 
     def _sources(self, role: str) -> list[Source]:
         topics = self.roles().get(role, []) if role in MANY else [self.choose(role)]
@@ -181,9 +166,9 @@ class Log:
             return None
         except (ValueError, OverflowError, struct.error) as error:
             note = f"{source.where}: a message {printable(str(error))}; it is skipped"
-            self.loss.add("unreadable message", note)
+            self.dropped.add("unreadable message", note)
             return None
-        self.loss.read[source.role] += 1
+        self.dropped.read[source.role] += 1
         return event if mount is None else self._placed(source, event, frame, mount)
 
     def _mount(self, source: Source, frame: str, mounts: dict[str, Mount]) -> Mount:
@@ -194,7 +179,7 @@ class Log:
             try:
                 found = self._extrinsics.mount(frame, self.path, source.channel.topic)
             except LogError:
-                if self.loss.read[source.role]:
+                if self.dropped.read[source.role]:
                     raise ValueError(f"names the frame {frame!r}, which nothing else does") from None
                 raise
             mounts[frame] = found
@@ -220,8 +205,8 @@ class Log:
         if isinstance(event, Heading):
             return event._replace(yaw_rad=math.remainder(event.yaw_rad - mount.pose.yaw_rad, 2 * math.pi))
         if isinstance(event, Landmarks) and self.settings.landmark_ranges == "depth":
-            event = vision.distances(event, source.where, self.loss)
-        return vision.placed(event, mount.pose, self.settings.image, source.where, self.loss)
+            event = vision.distances(event, source.where, self.dropped)
+        return vision.placed(event, mount.pose, self.settings.image, source.where, self.dropped)
 
 
 def _with_schema(role: str, channel: Channel) -> Channel:

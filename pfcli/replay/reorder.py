@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.jit import kernel
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import LogError
 from pfcli.formats.mcap_file import Batch
 from pfcli.formats.mcap_records import Channel
-from pfcli.formats.messages import RANK, SECOND, Decoder, stamp_in_header
+from pfcli.formats.messages import SECOND, Decoder, stamp_in_header
+from pfcli.formats.roles import RANK
 
 _LEAP_NS = SECOND
 """A stamp further ahead than this and than the horizon, behind which one of the next messages goes back, is no time."""
@@ -77,9 +78,14 @@ class Reorder:
     """Puts the messages of `sources` into order; `window`: seconds after the first stamp, None: open."""
 
     def __init__(
-        self, path: Path, sources: list[Source], waiting: Waiting, window: tuple[float | None, float | None], loss: Loss
+        self,
+        path: Path,
+        sources: list[Source],
+        waiting: Waiting,
+        window: tuple[float | None, float | None],
+        dropped: Dropped,
     ) -> None:
-        self._path, self._sources, self._waiting, self._loss = path, sources, waiting, loss
+        self._path, self._sources, self._waiting, self._loss = path, sources, waiting, dropped
         self._start_s, self._end_s = window
         self._buffers: dict[int, bytes | memoryview] = {}
         self._rows = np.empty((0, 7), np.int64)

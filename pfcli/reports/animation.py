@@ -9,7 +9,7 @@ import numpy as np
 from pfcli.errors import UsageError
 from pfcli.formats.atomic import check_file, output_file
 from pfcli.reports.plots import agg, draw_map, metadata_of
-from pfcli.systems.shared.result import Frame, Result
+from pfcli.systems.shared.contract import Frame, Result
 
 FILMS = (".gif", ".mp4")
 SHEETS = (".png", ".svg", ".pdf")

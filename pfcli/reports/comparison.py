@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli import registry
 from pfcli.core.evaluation.track_error import align_se2, associate
 from pfcli.core.geometry import compose
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError
 from pfcli.formats import map_yaml, parquet
-from pfcli.registry import LOCALISERS
 from pfcli.reports.page import summary_of, whole_run
 
 _GAP_NS = 50_000_000
@@ -49,7 +49,7 @@ def _read(name: str, folder: Path, first: Compared | None) -> Compared:
     known = np.isfinite(poses).all(axis=1)
     stamps, poses, apart = np.asarray(table["t_ns"])[known], poses[known], 0.0
     if first is not None:
-        own = not {about["system"], first.about["system"]} <= set(LOCALISERS)
+        own = not all(registry.system(run["system"]).frame == "given" for run in (about, first.about))
         poses, apart = _onto(first, stamps, poses, own)
     made = Compared(name, summary, about, stamps, poses, apart)
     rows([made]), _flat(about)  # what a table will need of it is there

@@ -10,7 +10,7 @@ from pfcli.core.grid.grid_map import GridMap
 from pfcli.events import Pose2
 from pfcli.formats.log_writer import LogWriter, header, quaternion
 from pfcli.formats.schemas import typestore
-from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.contract import Result
 
 _HEAD = "geometry_msgs/msg/"
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.formats.atomic import output_file
-from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.contract import Result
 
 
 def draw(path: Path, result: Result, title: str) -> None:

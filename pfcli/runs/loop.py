@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from pfcli.core.rows import Rows
 from pfcli.core.threads import set_threads
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
 from pfcli.formats import tum
 from pfcli.initial import Initial
-from pfcli.registry import System
+from pfcli.registry import filter_of
 from pfcli.replay import align
-from pfcli.replay.dead_reckoning import Drive
-from pfcli.replay.log import Log, Settings
+from pfcli.replay.log import Log
+from pfcli.replay.settings import Drive, Settings
 from pfcli.rng import Draw
 from pfcli.runs.info_rows import InfoRows
 from pfcli.runs.progress import progress
-from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.contract import Result, System
 
 if TYPE_CHECKING:
     from pfcli.core.evaluation.track_error import Errors
@@ -46,6 +46,18 @@ class Job(NamedTuple):
     initial: Initial = Initial()
     command: Sequence[str] = ()
 
+    @property
+    def map_file(self) -> Path:
+        """The map's YAML file. Raises UsageError where none was given."""
+        if self.map is None:
+            raise UsageError(f"{self.system.name} needs a map: --map MAP.yaml")
+        return self.map
+
+    @property
+    def max_map_mpx(self) -> float:
+        """Largest map that may be read (million pixels)."""
+        return self.settings.limits.map_mpx
+
 
 class Run(NamedTuple):
     """What a job gave: the system's result, its Info rows, errors against truth, what was lost, timings (s), where motion came
@@ -54,7 +66,7 @@ class Run(NamedTuple):
     result: Result
     infos: InfoRows
     errors: "Errors | None"
-    loss: Loss
+    dropped: Dropped
     seconds: dict[str, float]
     motion: str
     updates: NDArray[np.float64]
@@ -68,33 +80,34 @@ def execute(job: Job) -> Run:
     logs = [Log(path, job.settings) for path in job.paths]
     motion = motion_source(logs[0], job.motion)
     roles = _roles(job, logs[0], motion)
-    loss = Loss()
+    dropped = Dropped()
     truth: list[Truth] = []
-    assets = job.system.load(job.params, job)
+    filter_ = filter_of(job.system)
+    assets = filter_.load(job.params, job)
     draw = Draw(job.seed)
-    state, infos, scans = None, InfoRows(job.system.info), 0
+    state, infos, scans = None, InfoRows(filter_.info), 0
     updates = Rows((2,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
-    sweeps = align.sweeps(_without_truth(_replay(logs, roles, loss), truth), motion, job.drive, loss)
-    for sweep in progress(_with_data(sweeps, loss), job.progress, job.system.name):
+    sweeps = align.sweeps(_without_truth(_replay(logs, roles, dropped), truth), motion, job.drive, dropped)
+    for sweep in progress(_with_data(sweeps, dropped), job.progress, job.system.name):
         if state is None:
-            state = job.system.init(job.params, assets, sweep, draw)
+            state = filter_.init(job.params, assets, sweep, draw)
         start = time.perf_counter()
-        state, info = job.system.step(state, sweep, assets, job.params, draw)
+        state, info = filter_.step(state, sweep, assets, job.params, draw)
         scans += 1
         if info is not None:
             infos.append(info)
             updates.append((sweep.stamp_ns * 1e-9, time.perf_counter() - start))
     looped = time.perf_counter()
     if not infos:
-        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, loss, job.system)}")
-    result = job.system.finish(state, assets, job.params)
-    if result.loss is not None:
-        loss.take(result.loss)
+        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, dropped, job.system)}")
+    result = filter_.finish(state, assets, job.params)
+    if result.dropped is not None:
+        dropped.take(result.dropped)
     errors = _errors(job, result, truth)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
-    return Run(result, infos, errors, loss, seconds, motion, updates.array())
+    return Run(result, infos, errors, dropped, seconds, motion, updates.array())
 
 
 def motion_source(log: Log, wanted: str) -> str:
@@ -148,7 +161,7 @@ _NOUNS = {
 }
 
 
-def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
+def _replay(logs: list[Log], roles: list[str], dropped: Dropped) -> Iterator[Event]:
     last = -(1 << 62)
     for log in logs:
         for event in log.events(roles):
@@ -158,7 +171,7 @@ def _replay(logs: list[Log], roles: list[str], loss: Loss) -> Iterator[Event]:
                 )
             last = event.stamp_ns
             yield event
-        loss.take(log.loss)
+        dropped.take(log.dropped)
 
 
 def _name_truth(log: Log, name: str) -> None:
@@ -180,7 +193,9 @@ def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Even
             yield event
 
 
-def _with_data(sweeps: Iterator[Sweep | Sounding | Sighting], loss: Loss) -> Iterator[Sweep | Sounding | Sighting]:
+def _with_data(
+    sweeps: Iterator[Sweep | Sounding | Sighting], dropped: Dropped
+) -> Iterator[Sweep | Sounding | Sighting]:
     """Leave out scans without a beam; note a beam count that changes (it is legal, but rarely meant) and long gaps."""
     beams, last = None, None
     for sweep in sweeps:
@@ -189,19 +204,19 @@ def _with_data(sweeps: Iterator[Sweep | Sounding | Sighting], loss: Loss) -> Ite
             continue
         count = sweep.ranges.ranges_m.size if isinstance(sweep, Sounding) else sweep.scan.ranges_m.size
         if count == 0:
-            loss.add("empty scan", "topic of the scan, field 'ranges': a scan without beams; such scans are skipped")
+            dropped.add("empty scan", "topic of the scan, field 'ranges': a scan without beams; such scans are skipped")
             continue
         if beams is not None and count != beams:
-            loss.read["scans with another beam count"] += 1
+            dropped.read["scans with another beam count"] += 1
         if last is not None and sweep.stamp_ns - last > 60 * 1_000_000_000:
-            loss.read["gaps of more than a minute"] += 1
+            dropped.read["gaps of more than a minute"] += 1
         beams, last = count, sweep.stamp_ns
         yield sweep
 
 
-def _nothing_ran(count: int, loss: Loss, system: System) -> str:
-    if loss.notes:
-        return f"none of its {system.readings} could be used: {loss.notes[0]}"
+def _nothing_ran(count: int, dropped: Dropped, system: System) -> str:
+    if dropped.notes:
+        return f"none of its {system.readings} could be used: {dropped.notes[0]}"
     if count == 0:
         return f"none of its {system.readings} lies between --start and --end"
     return f"none of its {system.readings} {system.unusable}"

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from pfcli import __version__
 from pfcli.formats import map_yaml, parquet, tum
 from pfcli.params import to_toml
-from pfcli.registry import LOCALISERS
-from pfcli.replay.dead_reckoning import Drive
+from pfcli.registry import filter_of
+from pfcli.replay.settings import Drive
 from pfcli.runs.loop import Job, Run
-from pfcli.systems.shared.result import Result
+from pfcli.systems.shared.contract import Result
 
 _TIMES = 60
 """Points of the curve of update times."""
@@ -42,7 +42,7 @@ def provenance(job: Job) -> dict[str, Any]:
 
 def _place(job: Job) -> dict[str, Any]:
     """The map and the start of a localiser."""
-    if job.system.name not in LOCALISERS:
+    if job.system.frame != "given":
         return {}
     start = {k: str(v) if isinstance(v, Path) else v for k, v in job.initial._asdict().items() if v is not None}
     if job.map is None:
@@ -88,7 +88,7 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
         columns |= dict(zip(("error_x_m", "error_y_m"), run.errors.offset_m.T, strict=True))
         columns |= {} if run.errors.nees is None else {"nees": run.errors.nees}
     parquet.write(folder / "track.parquet", columns, meta)
-    parquet.write(folder / "metrics.parquet", parquet.columns_of(run.infos, job.system.info), meta)
+    parquet.write(folder / "metrics.parquet", parquet.columns_of(run.infos, filter_of(job.system).info), meta)
     parquet.write(folder / "frames.parquet", _frame_columns(run.result), meta)
     if run.result.grid is not None:
         map_yaml.write(folder, run.result.grid)
@@ -118,9 +118,9 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
         "span_s": round(float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9, 3),
         "way_m": round(float(moved), 3),
         **run.result.summary,
-        "read": dict(sorted(run.loss.read.items())),
-        "lost": dict(sorted(run.loss.counts.items())),
-        "notes": run.loss.notes,
+        "read": dict(sorted(run.dropped.read.items())),
+        "lost": dict(sorted(run.dropped.counts.items())),
+        "notes": run.dropped.notes,
     }
     if run.errors is not None:
         summary["truth"] = run.errors.summary()

@@ -1,6 +1,8 @@
 """What every registered system must keep: bytes that repeat, no new compilation, declared parameters and rows."""
 
+import importlib
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,27 +11,14 @@ import pytest
 
 from pfcli import registry
 from pfcli.params import build, fields, to_toml
-from pfcli.replay.dead_reckoning import Drive
+from pfcli.systems.shared.contract import System
+from tests.contracts.examples import RECORDS, example_of, job_of, words_of
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
-MAPS = {
-    "localize-partial": SAMPLES / "partial-partial.yaml",
-    "localize-lookup": SAMPLES / "four-rooms.yaml",
-    "localize-reliable": SAMPLES / "kidnapped.yaml",
-}
-DRIVES = {"fuse-soccer": Drive("omni", None, (0.06,), arm_m=0.203, angle_deg=(45.0,))}
-WHEELS = ["--wheel-radius-m", "0.1", "--track-width-m", "0.33"]
-RUNS = {
-    "slam-gdr-landmarks": ("landmarks", ["--end", "25", "--rejuvenate-steps", "40"]),
-    "fuse-soccer": ("soccer", ["--end", "8", "--drive", str(SAMPLES / "soccer.toml")]),
-    "slam-gdr": ("small-loop", ["--end", "50", "--particles", "6", "--resample-threshold", "0.9"]),
-    "localize-lookup": ("four-rooms", ["--end", "25", "--map", str(MAPS["localize-lookup"]), *WHEELS]),
-    "localize-reliable": ("kidnapped", ["--end", "30", "--map", str(MAPS["localize-reliable"])]),
-    "localize-partial": ("partial", ["--end", "25", "--particles", "3000", "--map", str(MAPS["localize-partial"])]),
-    "slam-gdr-smooth": ("small-loop", ["--end", "100", "--particles", "2"]),
-}
-COMMANDS = {"slam-gdr-landmarks": ("slam-gdr", "--landmarks"), "slam-gdr-smooth": ("slam-gdr", "--smooth")}
+ROOT = Path(__file__).resolve().parents[2]
+MORE = {"slam-gdr-smooth": (RECORDS["slam-gdr"], ["--end", "100", "--particles", "2", "--smooth"])}
+"""Runs of other kinds."""
+RUNS = {key: (system, []) for key, system in RECORDS.items()} | MORE
 FILES = (
     "track.tum",
     "track.parquet",
@@ -42,44 +31,36 @@ FILES = (
 
 @pytest.mark.parametrize("name", list(RUNS))
 def test_the_same_command_gives_the_same_bytes_with_1_and_2_threads_and_again(
-    name: str, sample: Callable[[str], Path], pfcli: Cli, tmp_path: Path
+    name: str, pfcli: Cli, tmp_path: Path
 ) -> None:
-    log, words = RUNS[name]
+    system, more = RUNS[name]
     for out, threads in (("a", 1), ("b", 2), ("c", 2)):
-        command = COMMANDS.get(name, (name,))
-        done = pfcli(*command, sample(log), "--out", tmp_path / out, "--threads", threads, "--overlay", *words)
+        done = pfcli(*words_of(system), "--out", tmp_path / out, "--threads", threads, "--overlay", *more)
         assert done.returncode == 0, done.stderr
-    maps = ("landmarks.csv",) if name == "slam-gdr-landmarks" else ("map.pgm", "map.yaml")
-    for file in (*FILES, *maps):
+    wall_clock = {"run.json"}
+    files = {path.name for path in (tmp_path / "a").iterdir()} - wall_clock
+    assert files >= set(FILES)
+    for file in files:
         a, b, c = ((tmp_path / out / file).read_bytes() for out in "abc")
         assert a == b == c, file
     assert (tmp_path / "a" / "track.tum").read_bytes() != b""
 
 
-@pytest.mark.parametrize("name", list(registry.SYSTEMS))
-def test_another_seed_gives_another_track(name: str, sample: Callable[[str], Path], pfcli: Cli, tmp_path: Path) -> None:
-    log, words = RUNS[name]
+@pytest.mark.parametrize("system", RECORDS.values(), ids=RECORDS)
+def test_another_seed_gives_another_track(system: System, pfcli: Cli, tmp_path: Path) -> None:
     for seed in (1, 2):
-        pfcli(*COMMANDS.get(name, (name,)), sample(log), "--out", tmp_path / str(seed), "--seed", seed, *words)
+        pfcli(*words_of(system), "--out", tmp_path / str(seed), "--seed", seed)
     assert (tmp_path / "1/track.tum").read_bytes() != (tmp_path / "2/track.tum").read_bytes()
 
 
-@pytest.mark.parametrize("name", list(registry.SYSTEMS))
-def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path]) -> None:
+@pytest.mark.parametrize("system", RECORDS.values(), ids=RECORDS)
+def test_a_second_run_compiles_nothing(system: System) -> None:
     import numba.core.event as events
 
-    from pfcli.replay.log import Settings
     from pfcli.runs import loop
 
-    system = registry.system(name)
-    job = loop.Job(
-        system,
-        build(system.params, {"particles": 5}, "test"),
-        [sample(RUNS[name][0])],
-        settings=Settings(end_s=20.0),
-        map=MAPS.get(name),
-        drive=DRIVES.get(name, Drive(radius_m=(0.1,), track_m=0.33)),
-    )
+    job = job_of(system, {"particles": 5})
+    job = job._replace(settings=job.settings._replace(end_s=20.0))
     first = loop.execute(job)
     with events.install_recorder("numba:compile") as recorder:
         second = loop.execute(job)
@@ -87,33 +68,66 @@ def test_a_second_run_compiles_nothing(name: str, sample: Callable[[str], Path])
     assert np.array_equal(first.result.track.poses, second.result.track.poses, equal_nan=True)
 
 
-@pytest.mark.parametrize("name", list(registry.SYSTEMS))
-def test_parameters_are_declared_with_help_and_survive_toml(name: str) -> None:
+@pytest.mark.parametrize("system", RECORDS.values(), ids=RECORDS)
+def test_parameters_are_declared_with_help_and_survive_toml(system: System) -> None:
     import tomllib
 
-    params = registry.params_class(name)
-    for field in fields(params):
+    for field in fields(system.params):
         assert field.opt.help, field.name
         assert field.check(field.default, "default") == field.default
-    assert build(params, tomllib.loads(to_toml(params())), "toml") == params()
+    assert build(system.params, tomllib.loads(to_toml(system.params())), "toml") == system.params()
 
 
-@pytest.mark.parametrize("name", list(registry.SYSTEMS))
-def test_the_paper_page_names_what_exists(name: str) -> None:
-    import importlib
+@pytest.mark.parametrize("system", RECORDS.values(), ids=RECORDS)
+def test_the_record_and_its_filter_belong_together(system: System) -> None:
+    """Charts draw columns that are there, an example is there, `map` means a frame that is given."""
+    assert system.summary.endswith((".", "?"))
+    assert len(system.summary) < 110
+    assert system.frame in ("own", "given")
+    assert system.frame == "given" or not system.map
+    assert example_of(system).log
+    columns = set(registry.filter_of(system).info._fields)
+    drawn = {series.column for chart in system.charts if chart.table == "metrics" for series in chart.series}
+    smoothed = {name for name in drawn if name.endswith("_smoothed")}
+    assert drawn - smoothed <= columns
+
+
+def test_reading_all_records_imports_no_kernel_and_no_table() -> None:
+    code = (
+        "import sys; from pfcli import registry; assert len(registry.records()) >= 6;"
+        "bad = {'numba', 'scipy', 'pyarrow', 'matplotlib', 'rosbags'} & set(sys.modules); assert not bad, bad"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_checkout_that_is_not_installed_says_how(tmp_path: Path) -> None:
+    """Without its entry points there is no system: one line with the way out."""
+    code = (
+        "import importlib.metadata as m; m.entry_points = lambda **_: ();"
+        "from pfcli.cli.app import run; import sys; sys.argv = ['pfcli', 'slam-gdr', 'x.mcap', '--out', 'o']; run()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "pfcli: pfcli is not installed, so its systems cannot be found: pip install -e .\n"
+
+
+@pytest.mark.parametrize("system", RECORDS.values(), ids=RECORDS)
+def test_the_paper_page_names_what_exists(system: System) -> None:
     import re
 
-    package = Path(registry.SYSTEMS[name].split(":")[0].replace(".", "/")).parent
-    root = Path(__file__).resolve().parents[2]
-    text = (root / package / "PAPER.md").read_text()
+    module = importlib.import_module(system.filter.split(":")[0])
+    text = (Path(str(module.__file__)).parent / "PAPER.md").read_text()
+    rows = [line for line in text.splitlines() if re.search(r"`tests/[\w/]+\.py::\w+`", line)]
+    assert len(rows) >= system.equations
     names = re.findall(r"`(pfcli(?:\.\w+)+)`", text)
-    assert len(names) >= 5
+    assert len(names) >= system.equations
     for full in names:
-        module, attribute = full.rsplit(".", 1)
+        module_name, attribute = full.rsplit(".", 1)
         try:
-            found = importlib.import_module(module)
+            found = importlib.import_module(module_name)
         except ModuleNotFoundError:
             pytest.fail(f"{full}: no such module")
         assert hasattr(found, attribute) or importlib.import_module(full), full
-    for test in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text):
-        assert f"def {test[1]}" in (root / test[0]).read_text(), test
+    for file, test in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text):
+        assert f"def {test}" in (ROOT / file).read_text(), test

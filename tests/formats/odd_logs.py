@@ -8,7 +8,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from pfcli.formats.messages import SECOND
 from pfcli.formats.schemas import ros2msg
-from pfcli.replay.log import Log, Settings
+from pfcli.replay.log import Log
+from pfcli.replay.settings import Settings
 
 T0 = 1_700_000_000 * SECOND
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -21,8 +21,9 @@ from pfcli.formats import carmen, map_yaml, mcap_repair
 from pfcli.formats.limits import Limits
 from pfcli.formats.log_writer import LogWriter
 from pfcli.formats.mcap_file import McapFile
-from pfcli.formats.messages import ROLES
-from pfcli.replay.log import Log, Settings
+from pfcli.formats.roles import ROLES
+from pfcli.replay.log import Log
+from pfcli.replay.settings import Settings
 from tests.formats.odd_logs import ODD, T0, numbers, records, write
 
 N = 2000
@@ -66,7 +67,7 @@ def test_a_cut_costs_no_more_than_the_chunk_that_it_goes_through(
         whole = sum(count for _, end, count in chunks if end <= cut)
         assert found[:whole] == list(range(whole)), cut
         assert found == list(range(len(found))), cut
-        assert log.loss or len(found) == N, cut
+        assert log.dropped or len(found) == N, cut
         assert seconds < 5.0
 
 
@@ -87,9 +88,9 @@ def test_a_flipped_bit_costs_no_more_than_its_chunk_and_is_never_silent(
         hit = next((k for k, (start, end, _) in enumerate(chunks) if start <= at < end), None)
         untouched = set(range(N)) - (set(range(first[hit], first[hit + 1])) if hit is not None else set())
         assert untouched <= set(found), (at, bit)
-        assert log.loss or found == list(range(N)), (at, bit)
+        assert log.dropped or found == list(range(N)), (at, bit)
         assert seconds < 5.0, (at, bit)
-        codes[bool(log.loss)] += 1
+        codes[bool(log.dropped)] += 1
     assert codes[True] > flips // 2  # nearly all of a file is its chunks
 
 
@@ -99,7 +100,7 @@ def test_a_log_cut_in_its_only_chunk_gives_what_is_before_the_cut(tmp_path: Path
     found, log, _ = _read(tmp_path / "y.mcap", data[: len(data) // 3])
     assert found == list(range(len(found)))
     assert len(found) > 25
-    assert log.loss
+    assert log.dropped
 
 
 @pytest.mark.parametrize("kind", ["none", "zstd"])
@@ -113,7 +114,7 @@ def test_repair_writes_what_can_be_read_and_a_clean_file(kind: str, tmp_path: Pa
     before = numbers(Log(tmp_path / "y.mcap", READING))
     log = Log(tmp_path / "z.mcap")
     assert numbers(log) == before
-    assert not log.loss
+    assert not log.dropped
     assert done.messages == len(before) > 0.9 * N
     assert done.losses
     with open(tmp_path / "z.mcap", "rb") as file:  # an independent reader that goes by the index
@@ -278,7 +279,7 @@ def test_stamps_that_leap_cost_only_themselves(tmp_path: Path) -> None:
             struct.pack_into("<i", flipped, at, min(stamp + seconds, (1 << 31) - 1))
             found, log, _ = _read(tmp_path / "y.mcap", bytes(flipped))
             assert found == [n for n in range(100) if n != k]
-            assert log.loss.counts == {"leap of time": 1}
+            assert log.dropped.counts == {"leap of time": 1}
 
 
 def test_leaps_one_behind_the_other_and_at_the_end_cost_only_themselves(tmp_path: Path) -> None:
@@ -289,7 +290,7 @@ def test_leaps_one_behind_the_other_and_at_the_end_cost_only_themselves(tmp_path
         struct.pack_into("<i", data, messages[k] + 9 + 22 + 4, 2_100_000_000)
     found, log, _ = _read(tmp_path / "y.mcap", bytes(data))
     assert found == [n for n in range(100) if n not in (50, 51, 99)]
-    assert log.loss.counts == {"leap of time": 3}
+    assert log.dropped.counts == {"leap of time": 3}
 
 
 def test_a_pause_of_minutes_loses_nothing(tmp_path: Path) -> None:
@@ -309,8 +310,8 @@ def test_a_wrong_checksum_costs_nothing_whatever_the_next_stamp_is(tmp_path: Pat
     found, log, _ = _read(tmp_path / "y.mcap", bytes(data))
     lost = chunks[0][2] + chunks[1][2]
     assert found == [n for n in range(100) if n != lost]
-    assert log.loss.counts["bad stamp"] == 1
-    assert "leap of time" not in log.loss.counts
+    assert log.dropped.counts["bad stamp"] == 1
+    assert "leap of time" not in log.dropped.counts
 
 
 def _inner(data: bytes, chunk: tuple[int, int, int]) -> list[tuple[int, int, int]]:
@@ -330,7 +331,7 @@ def test_a_clock_that_is_set_goes_on(tmp_path: Path) -> None:
             made.odometry(Odometry(k * 10**8 + (T0 if k >= 20 else 0), 0.1 * k, 0.0, 0.0))
     log = Log(tmp_path / "x.mcap")
     assert numbers(log) == list(range(100))
-    assert not log.loss
+    assert not log.dropped
 
 
 def test_a_frame_that_a_flipped_bit_made_is_no_frame(tmp_path: Path) -> None:
@@ -340,7 +341,7 @@ def test_a_frame_that_a_flipped_bit_made_is_no_frame(tmp_path: Path) -> None:
             log.scan(Scan(T0 + k, np.ones(3, np.float32), 0.0, 0.1, 0.0, 9.0, Pose2()), frame=frame)
     opened = Log(tmp_path / "x.mcap")
     assert len(list(opened.events(["scan"]))) == 3
-    assert "lasdr" in opened.loss.notes[0]
+    assert "lasdr" in opened.dropped.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -363,8 +364,8 @@ def test_impossible_values_are_counted(schema: str, fields: dict[str, object], s
         log.raw(f"/the_{role}", schema, T0, b"[" * 100_000)
     opened = Log(tmp_path / "x.mcap", Settings(topics={role: f"/the_{role}"}))
     assert list(opened.events([role])) == []
-    assert opened.loss.counts == {"unreadable message": 1, "bad stamp": 1}
-    assert says in "".join(opened.loss.notes)
+    assert opened.dropped.counts == {"unreadable message": 1, "bad stamp": 1}
+    assert says in "".join(opened.dropped.notes)
 
 
 @pytest.mark.parametrize(
@@ -379,7 +380,7 @@ def test_stamps_at_the_edges_are_right_or_refused(stamp: int, read: bool, tmp_pa
     stamps = [event.stamp_ns for event in opened.events(["odometry"])]
     assert stamps == (sorted(stamp - k * (stamp > 5) for k in range(3)) if read else stamps)
     assert all(0 <= s < 1 << 62 for s in stamps)
-    assert len(stamps) + opened.loss.counts["bad stamp"] == 3
+    assert len(stamps) + opened.dropped.counts["bad stamp"] == 3
 
 
 # --- maps and texts ------------------------------------------------------------------------------------------

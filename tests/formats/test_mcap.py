@@ -14,10 +14,11 @@ from fuzz.corpus import MESSAGES, ros_message
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats.log_writer import LogWriter, header
-from pfcli.formats.messages import ROLES, SECOND
+from pfcli.formats.messages import SECOND
+from pfcli.formats.roles import ROLES
 from pfcli.formats.schemas import json_schema, ros2msg, ros_types, typestore
-from pfcli.replay.log import Log, Settings
-from pfcli.replay.vision import Image
+from pfcli.replay.log import Log
+from pfcli.replay.settings import Image, Settings
 from tests.formats.odd_logs import ODD, ODOMETRY, T0, numbers, odometry, records, write
 
 CASES = [(role, schema) for role, types in ROLES.items() for schema in types]
@@ -58,7 +59,7 @@ def test_odd_but_valid_files_give_the_same_events(kind: str, tmp_path: Path) -> 
     write(tmp_path / "x.mcap", list(range(300)), **ODD[kind])
     log = Log(tmp_path / "x.mcap")
     assert numbers(log) == list(range(300))
-    assert not log.loss
+    assert not log.dropped
 
 
 def _edited(data: bytes, change: Callable[[int, bytes], list[bytes]]) -> bytes:
@@ -92,7 +93,7 @@ def test_odd_records_change_no_event(edit: str, kind: str, tmp_path: Path) -> No
     (tmp_path / "y.mcap").write_bytes(_edited((tmp_path / "x.mcap").read_bytes(), EDITS[edit]))
     log = Log(tmp_path / "y.mcap")
     assert numbers(log) == list(range(100))
-    assert not log.loss
+    assert not log.dropped
 
 
 @pytest.mark.parametrize(
@@ -141,10 +142,10 @@ def test_what_comes_too_late_is_counted(tmp_path: Path) -> None:
     write(tmp_path / "x.mcap", [*range(5, 100), *range(5)], chunk_size=3000)
     log = Log(tmp_path / "x.mcap")
     assert len(list(log.events(["odometry"]))) == 95
-    assert log.loss.counts["late"] == 5
+    assert log.dropped.counts["late"] == 5
     write(tmp_path / "y.mcap", [*range(5, 100), *range(5)], use_chunking=False)  # the same, whatever the chunks
     assert len(numbers(tmp_path / "y.mcap")) == 95
-    assert "time goes back" in log.loss.notes[0]
+    assert "time goes back" in log.dropped.notes[0]
 
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "none", "unchunked"])
@@ -157,7 +158,7 @@ def test_a_cut_log_gives_everything_before_the_cut(kind: str, share: float, tmp_
     log = Log(cut)
     xs = numbers(log)
     assert xs == list(range(len(xs)))
-    assert log.loss.counts["damaged place"] >= 1 or len(xs) == 300
+    assert log.dropped.counts["damaged place"] >= 1 or len(xs) == 300
     if kind in ("none", "unchunked"):
         assert len(xs) >= int(0.9 * share * 300) - 3
     elif share >= 0.5:  # compressed: whole chunks before the cut, and what their decompressor gives of the last
@@ -175,7 +176,7 @@ def test_a_damaged_chunk_costs_only_itself(tmp_path: Path) -> None:
     assert 200 < len(xs) < 300
     assert xs[0] == 0
     assert xs[-1] == 299
-    assert log.loss.counts["damaged place"] >= 1
+    assert log.dropped.counts["damaged place"] >= 1
 
 
 @pytest.mark.parametrize(
@@ -245,14 +246,14 @@ def test_odometry_can_come_from_tf(tmp_path: Path) -> None:
 
 def test_memory_is_bounded_by_the_reorder_horizon(tmp_path: Path) -> None:
     """Buffers of released messages are dropped while the log is read."""
-    from pfcli.dropped import Loss
+    from pfcli.dropped import Dropped
     from pfcli.formats.mcap_file import McapFile
     from pfcli.replay.reorder import Reorder, Waiting
 
     write(tmp_path / "x.mcap", list(range(3000)), chunk_size=5000)
     log = Log(tmp_path / "x.mcap")
     waiting = Waiting(2 * SECOND, 1 << 30, "header", {})
-    order = Reorder(log.path, log._sources("odometry"), waiting, (None, None), Loss())
+    order = Reorder(log.path, log._sources("odometry"), waiting, (None, None), Dropped())
     most = 0
     for _ in order.messages(McapFile(log.path).batches()):
         most = max(most, len(order._buffers))

@@ -79,9 +79,9 @@ def test_ros1_bags_are_read(pfcli: Cli, tmp_path: Path) -> None:
 def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: Cli, tmp_path: Path) -> None:
     """PoliMi's mecanum robot: 0.12-0.18 m of mean error by the nominal radii, at most 0.10 m for the mean of both ways."""
     from pfcli.cli.commands.calibrate_omni import rolled_of_log
-    from pfcli.dropped import Loss
-    from pfcli.replay.dead_reckoning import Drive
-    from pfcli.replay.log import Log, Settings
+    from pfcli.dropped import Dropped
+    from pfcli.replay.log import Log
+    from pfcli.replay.settings import Drive, Settings
     from pfcli.systems.fuse_soccer import base_calibration
 
     bag = needs("polimi-mecanum/bag1.bag") / "polimi-mecanum/bag1.bag"
@@ -90,7 +90,8 @@ def test_wheels_of_a_real_robot_calibrated_on_one_half_reckon_the_other(pfcli: C
     drive = Drive("mecanum", None, (0.07,), track_m=0.338, axles_m=0.4, ticks_per_turn=42 * 5)
     reading = Settings(topics={"truth": "/robot/pose"})
     halves = [
-        rolled_of_log(Log(log, reading._replace(**cut)), drive, Loss()) for cut in ({"end_s": 29.4}, {"start_s": 29.4})
+        rolled_of_log(Log(log, reading._replace(**cut)), drive, Dropped())
+        for cut in ({"end_s": 29.4}, {"start_s": 29.4})
     ]
     errors = []
     for k in (0, 1):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import UsageError
 from pfcli.events import (
     Event,
@@ -22,7 +22,8 @@ from pfcli.events import (
     YawRate,
 )
 from pfcli.replay.align import rounds, sweeps
-from pfcli.replay.dead_reckoning import DeadReckoning, Drive
+from pfcli.replay.dead_reckoning import DeadReckoning
+from pfcli.replay.settings import Drive
 
 S = 1_000_000_000
 DRIVE = Drive(radius_m=(0.1,), track_m=0.5)
@@ -34,42 +35,42 @@ def _scan(t: float) -> Scan:
 
 def test_odometry_is_interpolated_to_the_scans_stamp() -> None:
     events: list[Event] = [Odometry(0, 0.0, 0.0, 3.0), _scan(0.25), Odometry(S, 1.0, 2.0, -3.0)]
-    (sweep,) = sweeps(events, "odometry", Drive(), Loss())
+    (sweep,) = sweeps(events, "odometry", Drive(), Dropped())
     turn = 2 * math.pi - 6.0
     assert sweep.odometry == pytest.approx((0.25, 0.5, 3.0 + turn / 4))
 
 
 def test_a_scan_with_its_own_odometry_is_not_held_back() -> None:
     events: list[Event] = [SourceStamp(0, "0.5"), Odometry(0, 1.0, 0.0, 0.0), _scan(0)]
-    (sweep,) = sweeps(iter(events), "odometry", Drive(), Loss())
+    (sweep,) = sweeps(iter(events), "odometry", Drive(), Dropped())
     assert sweep.odometry == (1.0, 0.0, 0.0)
     assert sweep.source_stamp == "0.5"
 
 
 def test_scans_outside_the_odometry_are_counted() -> None:
-    loss = Loss()
+    dropped = Dropped()
     events: list[Event] = [_scan(0), Odometry(S, 0, 0, 0), Odometry(2 * S, 0, 0, 0), _scan(2.5), _scan(9)]
-    assert [s.stamp_ns for s in sweeps(events, "odometry", Drive(), loss)] == [int(2.5 * S)]
-    assert dict(loss.counts) == {"scan before odometry": 1, "scan without odometry": 1}
+    assert [s.stamp_ns for s in sweeps(events, "odometry", Drive(), dropped)] == [int(2.5 * S)]
+    assert dict(dropped.counts) == {"scan before odometry": 1, "scan without odometry": 1}
 
 
 def test_a_pause_of_the_odometry_is_said() -> None:
-    loss = Loss()
+    dropped = Dropped()
     events: list[Event] = [Odometry(0, 0, 0, 0), _scan(30), Odometry(60 * S, 1, 0, 0)]
-    assert len(list(sweeps(events, "odometry", Drive(), loss))) == 1
-    assert "pauses for 60.0 s" in loss.notes[0]
+    assert len(list(sweeps(events, "odometry", Drive(), dropped))) == 1
+    assert "pauses for 60.0 s" in dropped.notes[0]
 
 
 def test_without_any_motion_every_scan_is_counted() -> None:
-    loss = Loss()
-    assert list(sweeps([_scan(0), _scan(1)], "odometry", Drive(), loss)) == []
-    assert dict(loss.counts) == {"scan without odometry": 2}
+    dropped = Dropped()
+    assert list(sweeps([_scan(0), _scan(1)], "odometry", Drive(), dropped)) == []
+    assert dict(dropped.counts) == {"scan without odometry": 2}
 
 
 def test_a_car_drives_the_circle_that_its_wheels_ask_for() -> None:
     """Wheelbase 2 m, steering 30 degrees: a radius of 2 / tan 30; half the circle ends straight across."""
-    loss, radius = Loss(), 2.0 / math.tan(math.radians(30))
-    reckon = DeadReckoning("twist", Drive(axles_m=2.0), loss)
+    dropped, radius = Dropped(), 2.0 / math.tan(math.radians(30))
+    reckon = DeadReckoning("twist", Drive(axles_m=2.0), dropped)
     seconds = math.pi * radius / 1.5
     last = [reckon(Steering(int(seconds * k / 2000 * S), 1.5, math.radians(30))) for k in range(2001)][-1]
     assert last is not None
@@ -77,7 +78,7 @@ def test_a_car_drives_the_circle_that_its_wheels_ask_for() -> None:
     assert abs(last.yaw_rad) == pytest.approx(math.pi, abs=1e-4)
     assert reckon(Steering(int(99 * S), 1.0, 1.6)) is None
     assert reckon(Steering(int(99 * S), 1.0, math.nan)) is None
-    assert dict(loss.counts) == {"steering angle": 2}
+    assert dict(dropped.counts) == {"steering angle": 2}
     with pytest.raises(UsageError, match="--axle-distance-m"):
         DeadReckoning("twist", Drive())(Steering(0, 1.0, 0.1))
 
@@ -152,12 +153,12 @@ def test_a_round_of_range_finders_ends_when_all_have_reported_or_one_reports_aga
 
 
 def test_a_jump_of_the_encoders_is_counted_and_left_out() -> None:
-    loss = Loss()
-    reckon = DeadReckoning("encoders", Drive(radius_m=(0.1,), track_m=0.3), loss)
+    dropped = Dropped()
+    reckon = DeadReckoning("encoders", Drive(radius_m=(0.1,), track_m=0.3), dropped)
     names = ("left", "right")
     rows = [(0, 0), (100, 100), (900_000, 900_100), (900_100, 900_200)]
     poses = [reckon(Ticks(k * 50_000_000, names, np.array(row), 1000.0, True)) for k, row in enumerate(rows)]
-    assert loss.counts["jump of the encoders"] == 1
+    assert dropped.counts["jump of the encoders"] == 1
     last = poses[-1]
     assert last is not None
     assert last.x_m == pytest.approx(2 * 100 / 1000 * 2 * np.pi * 0.1, rel=1e-9)

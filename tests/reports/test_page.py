@@ -15,19 +15,20 @@ from pfcli import registry
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError
 from pfcli.formats import map_yaml
-from pfcli.reports import charts, page
+from pfcli.reports import page
 from tests.reports.runs import short_run
 
 Sample = Callable[[str], Path]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-@pytest.mark.parametrize("name", list(registry.SYSTEMS))
+@pytest.mark.parametrize("name", list(registry.records()))
 def test_every_system_has_its_charts_and_a_small_page(name: str, tmp_path: Path) -> None:
     folder = short_run(name, tmp_path / "run")
     data = page.describe(folder)
-    system = registry.system(name).name
-    assert {c["title"] for c in data["charts"]} >= {c.title for c in charts.CHARTS[system] if c.table == "metrics"}
+    assert {c["title"] for c in data["charts"]} >= {
+        c.title for c in registry.system(name).charts if c.table == "metrics"
+    }
     assert data["charts"][-1]["title"] == "time of an update"
     assert data["truth"] is not None
     assert len(data["frames"]["t"]) > 3

@@ -10,8 +10,8 @@ import pytest
 from pfcli.core.weights import normalize
 from pfcli.events import Heading, Landmarks, Sighting
 from pfcli.initial import Initial
-from pfcli.registry import system
-from pfcli.replay.dead_reckoning import Drive
+from pfcli.registry import filter_of, system
+from pfcli.replay.settings import Drive
 from pfcli.rng import Draw
 from pfcli.runs import loop
 from pfcli.simulation import soccer_world
@@ -32,7 +32,7 @@ DRIVE = Drive(
 
 
 def assets_of(params: Params) -> Assets:
-    found: Assets = FUSE.load(params, loop.Job(FUSE, params, []))
+    found: Assets = filter_of(FUSE).load(params, loop.Job(FUSE, params, []))
     return found
 
 
@@ -180,7 +180,9 @@ def test_one_frame_with_a_compass_finds_the_pose_anywhere() -> None:
     for seed in range(25):
         pose = np.array([*rng.uniform((-8, -5), (8, 5)), rng.uniform(-3, 3)])
         sighting, draw = sighting_at(pose, seed), Draw(seed)
-        state, info = FUSE.step(FUSE.init(params, assets, sighting, draw), sighting, assets, params, draw)
+        state, info = filter_of(FUSE).step(
+            filter_of(FUSE).init(params, assets, sighting, draw), sighting, assets, params, draw
+        )
         assert np.hypot(*(state.pose - pose)[:2]) < 0.5
         assert info.mode_share > 0.8
 
@@ -249,11 +251,11 @@ def test_the_spread_of_points_is_found_by_range_among_false_ones() -> None:
 def played(params: Params, initial: Initial, sightings: list[Sighting]) -> list[Any]:
     """Info rows of sightings a fifteenth of a second apart."""
     assets, draw = assets_of(params)._replace(initial=initial), Draw(0)
-    state, rows = FUSE.init(params, assets, sightings[0], draw), []
+    state, rows = filter_of(FUSE).init(params, assets, sightings[0], draw), []
     for k, sighting in enumerate(sightings):
         heading = sighting.compass and sighting.compass._replace(stamp_ns=1 + k * 66_666_667)
         now = sighting._replace(stamp_ns=1 + k * 66_666_667, compass=heading)
-        state, info = FUSE.step(state, now, assets, params, draw)
+        state, info = filter_of(FUSE).step(state, now, assets, params, draw)
         rows.append((state.pose.copy(), info))
     return rows
 

@@ -15,7 +15,7 @@ from pfcli.errors import UsageError
 from pfcli.events import Pose2, Ranges, Scan, Sounding, Sweep
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
-from pfcli.registry import system
+from pfcli.registry import filter_of, system
 from pfcli.runs.loop import Job
 from pfcli.simulation.indoor_world import WORLDS, rasterize
 from pfcli.systems.localize_lookup import smc_start
@@ -39,7 +39,7 @@ def map_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _assets(map_file: Path, initial: Initial, **given: object) -> tuple[Assets, Params]:
     found = system("localize-lookup")
     params = Params(**given)  # type: ignore[arg-type]
-    assets: Assets = found.load(params, Job(found, params, [], map=map_file, initial=initial))
+    assets: Assets = filter_of(found).load(params, Job(found, params, [], map=map_file, initial=initial))
     return assets, params
 
 
@@ -167,7 +167,7 @@ def test_shares_of_beams_that_are_more_than_all_are_refused() -> None:
         ("localize-reliable", ReliableParams(z_hit=0.9, z_rand=0.2)),
     ):
         with pytest.raises(UsageError, match="--z-hit"):
-            system(name).load(params, None)
+            filter_of(system(name)).load(params, Job(system(name), params, []))
 
 
 def test_beams_that_bring_nothing_back_are_left_out_unless_asked_for(map_file: Path) -> None:

@@ -12,10 +12,11 @@ from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import beams_of, points_of
 from pfcli.params import build
 from pfcli.registry import system
-from pfcli.replay.log import Log, Settings
+from pfcli.replay.log import Log
+from pfcli.replay.settings import Settings
 from pfcli.runs import loop
 from pfcli.simulation.laser import cast
-from pfcli.systems.shared.result import Frame
+from pfcli.systems.shared.contract import Frame
 from pfcli.systems.slam_gdr import path_smoother
 from pfcli.systems.slam_gdr.filter import _moved, _setup
 from pfcli.systems.slam_gdr.params import Params
@@ -98,7 +99,7 @@ def test_every_resampler_and_variant_maps_the_loop(resampler: str, variant: str)
 def test_every_scan_has_a_pose_and_updates_are_marked() -> None:
     done = loop.execute(_job(end_s=30))
     track = done.result.track
-    assert track.stamps_ns.size == done.loss.read["scan"]
+    assert track.stamps_ns.size == done.dropped.read["scan"]
     assert track.columns["update"].sum() == len(done.infos)
     assert np.isfinite(track.poses).all()
 

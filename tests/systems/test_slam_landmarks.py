@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pfcli.core.geometry import between, compose
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import LogError
 from pfcli.events import Landmarks, Odometry
 from pfcli.formats import landmark_csv, landmark_logs
@@ -201,13 +201,13 @@ def replayed(tmp_path: Path, frames: list[list[tuple[str, float, float]]], **giv
 def test_what_cannot_be_is_left_out_counted_and_named(tmp_path: Path) -> None:
     good = [("a", 2.0, 0.1), ("b", 3.0, -0.4)]
     twice = replayed(tmp_path, [good, [*good, ("a", 5.0, 1.0)], good])
-    assert twice.loss.counts == {"landmark twice at a stamp": 1}
-    assert "'a'" in twice.loss.notes[0]
+    assert twice.dropped.counts == {"landmark twice at a stamp": 1}
+    assert "'a'" in twice.dropped.notes[0]
     below = replayed(tmp_path, [good, [("a", -2.0, 0.1), ("b", 3.0, -0.4)], good])
-    assert below.loss.counts == {"point that is not a number": 1}
+    assert below.dropped.counts == {"point that is not a number": 1}
     assert np.abs(below.result.track.poses).max() < 0.05
     once = replayed(tmp_path, [[("a", 2.0, 0.1)], [("b", 3.0, -0.4)]])
-    assert once.loss.counts == {"landmarks seen once": 1}
+    assert once.dropped.counts == {"landmarks seen once": 1}
 
 
 @pytest.mark.parametrize("steps", [1, 3, 10])
@@ -225,8 +225,8 @@ def test_particles_drawn_anew_remember_what_speaks_against_a_landmark(tmp_path: 
 def test_a_landmark_that_moves_is_named_and_does_not_carry_the_robot_away(tmp_path: Path) -> None:
     still = [("a", 2.0, 0.1), ("b", 3.0, -0.4), ("c", 4.0, 0.9)]
     ran = replayed(tmp_path, [[*still, ("walker", 2.0 + 0.2 * k, 0.6 - 0.05 * k)] for k in range(25)])
-    assert ran.loss.counts == {"landmark that moves": 1}
-    assert "'walker'" in ran.loss.notes[0]
+    assert ran.dropped.counts == {"landmark that moves": 1}
+    assert "'walker'" in ran.dropped.notes[0]
     assert np.abs(ran.result.track.poses[:, :2]).max() < 0.15
 
 
@@ -235,17 +235,17 @@ def test_landmarks_that_the_map_does_not_know_are_counted(tmp_path: Path) -> Non
     marks.write_text("id,x_m,y_m\na,2.0,0.2\nb,2.8,-1.2\n")
     frame = [("a", 2.01, 0.0997), ("b", 3.046, -0.4049), ("new", 1.0, 0.0)]
     ran = replayed(tmp_path, [frame] * 3, landmark_map=str(marks))
-    assert ran.loss.read["detections of landmarks that the map does not know"] == 3
+    assert ran.dropped.read["detections of landmarks that the map does not know"] == 3
     assert np.abs(ran.result.track.poses).max() < 0.1
 
 
 def test_depths_are_distances_by_the_bearing(tmp_path: Path) -> None:
     event = Landmarks(0, ("a", "b", "c"), np.array([2.0, 2.0, 2.0]), np.array([0.0, 0.5, 1.5]), np.full((3, 2), np.nan))
-    loss = Loss()
-    seen = vision.distances(event, "x", loss)
+    dropped = Dropped()
+    seen = vision.distances(event, "x", dropped)
     assert seen.ids == ("a", "b")
     assert np.allclose(seen.range_m * np.cos(seen.bearing_rad), 2.0)
-    assert loss.counts == {"depth aside": 1}
+    assert dropped.counts == {"depth aside": 1}
 
 
 def test_a_start_waits_until_what_was_seen_tells_it(tmp_path: Path) -> None:

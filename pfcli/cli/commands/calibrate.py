@@ -39,14 +39,15 @@ def calibrate(
     from pfcli import registry
     from pfcli.cli.options import build_params, pairs
     from pfcli.cli.printing import emit
-    from pfcli.formats.messages import ROLES
+    from pfcli.formats.roles import ROLES
     from pfcli.replay import align
-    from pfcli.replay.log import Log, Settings
+    from pfcli.replay.log import Log
+    from pfcli.replay.settings import Settings
     from pfcli.rng import Purpose, rng_for
     from pfcli.runs import loop
     from pfcli.systems.localize_reliable import map_models, success_decision
 
-    params = build_params(registry.params_class("localize-reliable"), {}, params_file)
+    params = build_params(registry.system("localize-reliable").params, {}, params_file)
     settings = Settings(topics=pairs(topic, "--topic", tuple(ROLES)))
     opened = Log(log, settings)
     if opened.choose("scan") is None:

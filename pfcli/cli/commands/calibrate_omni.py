@@ -12,9 +12,9 @@ from pfcli.cli.types import Readable
 from pfcli.errors import LogError, UsageError
 
 if TYPE_CHECKING:
-    from pfcli.dropped import Loss
-    from pfcli.replay.dead_reckoning import Drive
+    from pfcli.dropped import Dropped
     from pfcli.replay.log import Log
+    from pfcli.replay.settings import Drive
     from pfcli.systems.fuse_soccer.base_calibration import Fit, Rolled, Spread
 
 _LEAST_ROWS = 50
@@ -48,16 +48,16 @@ def calibrate_omni(
     check(out, force=force)
 
     from pfcli.cli.printing import emit, lost
-    from pfcli.dropped import Loss
+    from pfcli.dropped import Dropped
     from pfcli.formats import parquet
     from pfcli.replay.log import Log
     from pfcli.systems.fuse_soccer import base_calibration
 
-    loss = Loss()
+    dropped = Dropped()
     opened = [Log(path, settings) for path in logs]
-    runs = [rolled_of_log(log, drive, loss) for log in opened]
+    runs = [rolled_of_log(log, drive, dropped) for log in opened]
     fit, before = base_calibration.fit_wheels(runs, drive), base_calibration.Fit(drive, (0.0, 0.0, 0.0))
-    judged = [(str(path), rolled_of_log(Log(path, settings), drive, loss)) for path in tests]
+    judged = [(str(path), rolled_of_log(Log(path, settings), drive, dropped)) for path in tests]
     judged = judged or [(str(path), run) for path, run in zip(logs, runs, strict=True)]
     errors = {
         name: {
@@ -93,10 +93,10 @@ def calibrate_omni(
     ]
     points = ", params.toml" if spread is not None else "; no range has 50 points of lines, so no params.toml"
     emit(values, [f"{out}: drive.toml{points}", *lines], as_json)
-    return lost(loss.counts, loss.notes)
+    return lost(dropped.counts, dropped.notes)
 
 
-def rolled_of_log(log: "Log", drive: "Drive", loss: "Loss") -> "Rolled":
+def rolled_of_log(log: "Log", drive: "Drive", dropped: "Dropped") -> "Rolled":
     """Wheel angles and truth of a log; what is left out is counted. Raises UsageError or LogError naming what is missing."""
     import numpy as np
 
@@ -107,17 +107,17 @@ def rolled_of_log(log: "Log", drive: "Drive", loss: "Loss") -> "Rolled":
     for role in ("encoders", "truth"):
         if log.choose(role) is None:
             raise UsageError(f"{log.path}: has no {role} topic; map one with --topic {role}=TOPIC")
-    reckon = DeadReckoning("encoders", drive, loss)
+    reckon = DeadReckoning("encoders", drive, dropped)
     rows, truth = [], []
     for event in log.events(["encoders", "truth"]):
         if isinstance(event, Truth):
             if all(map(math.isfinite, event[1:4])):
                 truth.append(tuple(event))
             else:
-                loss.add("truth that is not a number", f"{log.path}: true poses that are not numbers are left out")
+                dropped.add("truth that is not a number", f"{log.path}: true poses that are not numbers are left out")
         elif reckon(event) is not None and reckon.rolled.size:
             rows.append((event.stamp_ns, reckon.rolled[0]))
-    loss.take(log.loss)
+    dropped.take(log.dropped)
     if len(rows) < _LEAST_ROWS or len(truth) < _LEAST_ROWS:
         raise LogError(
             f"{log.path}: holds {len(rows)} encoder readings and {len(truth)} true poses; {_LEAST_ROWS} of each are needed"

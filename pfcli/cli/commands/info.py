@@ -75,13 +75,13 @@ def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[st
 
 def _systems(topics: list[dict[str, Any]]) -> dict[str, str]:
     """Per system 'yes', or what is missing."""
-    from pfcli.formats.messages import ROLES
+    from pfcli.formats.roles import ROLES
 
     have = {role for role, types in ROLES.items() if any(t["type"] in types and t["messages"] for t in topics)}
     if have & {"odometry", "encoders", "twist"}:
         have.add("motion")
     verdict = {}
-    for system in registry.all_systems():
+    for system in registry.records().values():
         missing = min((need - have for need in system.needs), key=len)
         verdict[system.name] = "yes" if not missing else "needs " + ", ".join(sorted(missing))
     return verdict

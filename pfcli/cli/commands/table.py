@@ -39,7 +39,7 @@ def table(
     from pfcli.core.grid import raycast
     from pfcli.formats import map_yaml, range_table_file
 
-    defaults = registry.params_class("localize-lookup")()
+    defaults = registry.system("localize-lookup").params()
     bins, range_m = bins or defaults.bins, table_range_m or defaults.table_range_m
     veil_m = defaults.veil_m if veil_m is None else veil_m
     grid = map_yaml.read(map_file, max_map_mpx)

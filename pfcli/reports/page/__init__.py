@@ -18,7 +18,9 @@ from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError, reason
 from pfcli.formats import map_yaml, parquet
 from pfcli.formats.atomic import output_file
-from pfcli.reports.charts import CHARTS, CLASSES, ERRORS, Chart, marks
+from pfcli.registry import system as record_of
+from pfcli.reports.charts import ERRORS, marks
+from pfcli.systems.shared.chart import Chart
 
 _TRACK_POINTS, _CHART_POINTS = 3000, 1500
 _FRAMES, _PARTICLES, _SCAN_POINTS = 250, 100, 90
@@ -93,7 +95,7 @@ def _described(folder: Path) -> dict[str, Any]:
         "landmarks": landmarks,
         "bounds": _bounds(poses, layers, landmarks),
         "frames": _frames(frames, start),
-        "kinds": list(CLASSES.get(about["system"], ())),
+        "kinds": list(record_of(about["system"]).classes),
         "charts": _charts(about["system"], summary, {"metrics": metrics, "track": track}, start),
     }
 
@@ -279,7 +281,7 @@ def _charts(
     if "cov_xx_m2" in track:
         with np.errstate(invalid="ignore"):
             track["bound_m"] = 2.0 * np.sqrt(np.asarray(track["cov_xx_m2"]) + np.asarray(track["cov_yy_m2"]))
-    wanted = (*CHARTS.get(system, ()), *(ERRORS if "error_m" in track else ()))
+    wanted = (*record_of(system).charts, *(ERRORS if "error_m" in track else ()))
     found = [_chart(chart, tables[chart.table] | _smoothed(chart, tables), start) for chart in wanted]
     for chart in found:
         chart["marks"] = marks(summary, start)

@@ -16,7 +16,7 @@ from pfcli.core.jit import kernel
 from pfcli.core.motion import wheels
 from pfcli.core.sensor.field_lines import Lines, nearest_line
 from pfcli.errors import LogError
-from pfcli.replay.dead_reckoning import Drive
+from pfcli.replay.settings import Drive
 
 _WINDOW_S = 2.0
 _YAW_M = 0.3

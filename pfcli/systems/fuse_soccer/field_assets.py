@@ -1,7 +1,7 @@
 """The field in the forms in which it is asked, and what of a sighting is used."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from pfcli.formats import field_yaml
 from pfcli.formats.field_yaml import Field
 from pfcli.initial import Initial
 from pfcli.systems.fuse_soccer.params import Params
+from pfcli.systems.shared.contract import Job
 
 BLIND_M = 0.3
 """Added to the spread (m) where poses are only being looked for: the trial poses are so far apart."""
@@ -62,7 +63,7 @@ def sigma_table(text: str) -> NDArray[np.float64]:
     return np.asarray(np.maximum.accumulate(np.interp(middle, at, sigma)))
 
 
-def load(params: Params, job: Any) -> Assets:
+def load(params: Params, job: Job) -> Assets:
     """Read the field and build its tables. Raises LogError for a field file that is wrong, UsageError for a start off it."""
     field = field_yaml.read(params.field)
     hit = 1.0 if params.variant == "paper" else params.hit

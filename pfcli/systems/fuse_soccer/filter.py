@@ -20,15 +20,14 @@ from pfcli.core.sensor import known_landmarks as landmarks
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Rolling, Sighting
 from pfcli.formats import field_yaml
-from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.fuse_soccer import line_proposal, start_on_field
 from pfcli.systems.fuse_soccer.field_assets import Assets, View, load, view_of
 from pfcli.systems.fuse_soccer.params import Params
 from pfcli.systems.fuse_soccer.sighting_likelihood import Belief, Heard, choose_side, of_missed, turned, weigh
+from pfcli.systems.shared.contract import Filter, Result
 from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.motion_gate import step_noise
-from pfcli.systems.shared.result import Result
 from pfcli.systems.shared.track_keeper import TrackKeeper
 
 _CERTAIN, _CERTAIN_M = 0.8, 0.3
@@ -333,16 +332,4 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     return Result(track._replace(columns=columns), field, state.frames.frames(), summary, given_frame=True)
 
 
-SYSTEM = System(
-    name="fuse-soccer",
-    params=Params,
-    info=Info,
-    needs=(frozenset({"motion", "lines"}), frozenset({"motion", "landmarks"})),
-    load=load,
-    init=init,
-    step=step,
-    finish=finish,
-    wants=("lines", "landmarks", "compass"),
-    readings="frames",
-    unusable="says where to start: no points within --max-range-m, no landmark of --field; see --initial",
-)
+FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

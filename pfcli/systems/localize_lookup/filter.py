@@ -4,7 +4,7 @@ One update, in the paper's order: particles move (eq. (10)), expected ranges are
 best particle is reported, particles are drawn anew. The first reading gives the particles their headings (eq. (12)).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,13 @@ from pfcli.errors import LogError, UsageError
 from pfcli.events import Sounding, Sweep
 from pfcli.formats import map_yaml, range_table_file
 from pfcli.initial import Initial
-from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_lookup import smc_start
 from pfcli.systems.localize_lookup.params import Params
 from pfcli.systems.localize_lookup.reading_beams import Assets, beams_of, evidence, model_of
+from pfcli.systems.shared.contract import Filter, Job, Result
 from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.motion_gate import step_noise, step_since
-from pfcli.systems.shared.result import Result
 from pfcli.systems.shared.start_cells import start_cells
 from pfcli.systems.shared.track_keeper import TrackKeeper
 
@@ -70,17 +69,17 @@ class State(NamedTuple):
     looks: list[int]
 
 
-def load(params: Params, job: Any) -> Assets:
+def load(params: Params, job: Job) -> Assets:
     """Read the map and its table. Raises LogError where nobody could stand in it, UsageError for a start outside or shares of
     beams that are more than all."""
     if params.z_hit + params.z_short + params.z_none >= 1.0:
         raise UsageError("--z-hit, --z-short and --z-none must leave something of 1 for beams that read anything")
-    grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
+    grid = map_yaml.read(job.map_file, job.max_map_mpx)
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:
-        raise LogError(f"{job.map}: has no free cells")
+        raise LogError(f"{job.map_file}: has no free cells")
     if not (grid.cells == 1).any():
-        raise LogError(f"{job.map}: has no occupied cells, so no range can be expected of it")
+        raise LogError(f"{job.map_file}: has no occupied cells, so no range can be expected of it")
     initial: Initial = job.initial
     if initial.kind == "outside":
         raise UsageError("--initial outside: localize-lookup knows no outside; localize-partial does")
@@ -95,7 +94,7 @@ def load(params: Params, job: Any) -> Assets:
         table, source = loaded.table, f"table, {loaded.origin}"
     return Assets(
         grid,
-        start_cells(region, initial, job.map),
+        start_cells(region, initial, job.map_file),
         region.free_xy,
         rays,
         table,
@@ -222,13 +221,4 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     return Result(track, assets.grid, state.frames.frames(), summary, given_frame=True)
 
 
-SYSTEM = System(
-    name="localize-lookup",
-    params=Params,
-    info=Info,
-    needs=(frozenset({"motion", "scan"}), frozenset({"motion", "range"})),
-    load=load,
-    init=init,
-    step=step,
-    finish=finish,
-)
+FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

@@ -21,16 +21,15 @@ from pfcli.errors import LogError, UsageError
 from pfcli.events import Sweep
 from pfcli.formats import map_yaml
 from pfcli.initial import Initial
-from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import class_smoother, pose_smoother, relocalise, update_corrected, update_paper
 from pfcli.systems.localize_partial.class_belief import Assets, Belief, Past, Reading, in_the_map, share_in_map
 from pfcli.systems.localize_partial.map_extension import extended
 from pfcli.systems.localize_partial.matched_odometry import CELL_M, Reckoning, reckon
 from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.shared.contract import Filter, Job, Result
 from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.motion_gate import step_since
-from pfcli.systems.shared.result import Result
 from pfcli.systems.shared.start_cells import start_cells
 from pfcli.systems.shared.track_keeper import TrackKeeper
 
@@ -97,27 +96,27 @@ class State(NamedTuple):
     scans: list[Beams]
 
 
-def load(params: Params, job: Any) -> Assets:
+def load(params: Params, job: Job) -> Assets:
     """Read the map. Raises LogError where nobody could be localised in it, UsageError for a start outside, or --no-smooth
     with --extend-map."""
     if params.extend_map and not params.smooth:
         raise UsageError("--extend-map draws where the whole log says that the robot was: leave out --no-smooth")
-    grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
+    grid = map_yaml.read(job.map_file, job.max_map_mpx)
     origin = grid.origin
     region = region_of(grid.cells, grid.resolution_m, origin, params.robot_radius_m, params.pocket_m2)
     if region.free_xy.size == 0:
         raise LogError(
-            f"{job.map}: has no free cells that a robot of --robot-radius-m {params.robot_radius_m:g} fits into"
+            f"{job.map_file}: has no free cells that a robot of --robot-radius-m {params.robot_radius_m:g} fits into"
         )
     initial: Initial = job.initial
     if region.edge_xy.size == 0 and initial.kind != "inside":
         raise LogError(
-            f"{job.map}: has no frontier (free cells beside unknown ones), so nobody can enter or leave it;"
+            f"{job.map_file}: has no frontier (free cells beside unknown ones), so nobody can enter or leave it;"
             " say --initial inside, or lower --robot-radius-m or --pocket-m2"
         )
     model = likelihood_field.Model(params.sigma_hit_m, params.z_hit, params.reach_m)
     field = likelihood_field.build(grid.cells, grid.resolution_m, origin, model, unknown=params.model_unknown)
-    return Assets(grid, region, field, initial, start_cells(region, initial, job.map))
+    return Assets(grid, region, field, initial, start_cells(region, initial, job.map_file))
 
 
 def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
@@ -284,13 +283,4 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     return Result(track, assets.grid, state.frames.frames(), summary, layers, given_frame=True)
 
 
-SYSTEM = System(
-    name="localize-partial",
-    params=Params,
-    info=Info,
-    needs=(frozenset({"motion", "scan"}),),
-    load=load,
-    init=init,
-    step=step,
-    finish=finish,
-)
+FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

@@ -16,7 +16,6 @@ from pfcli.core.sensor import class_conditional
 from pfcli.core.sensor.class_conditional import Fit, Scan
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sweep
-from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_reliable import first_particles, key_scans, scan_weights, success_decision, trust_record
 from pfcli.systems.localize_reliable import map_change as gone
@@ -31,9 +30,9 @@ from pfcli.systems.localize_reliable.run_tables import Records
 from pfcli.systems.localize_reliable.scan_weights import Reading
 from pfcli.systems.localize_reliable.success_decision import Classifier
 from pfcli.systems.localize_reliable.trust_record import TrackRecord
+from pfcli.systems.shared.contract import Filter, Result
 from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.motion_gate import step_noise, step_since
-from pfcli.systems.shared.result import Result
 from pfcli.systems.shared.track_keeper import TrackKeeper
 
 _CARRIED = 0.3
@@ -286,13 +285,4 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     return Result(track, assets.grid, state.frames.frames(), summary, layers, tables, given_frame=True)
 
 
-SYSTEM = System(
-    name="localize-reliable",
-    params=Params,
-    info=Info,
-    needs=(frozenset({"motion", "scan"}),),
-    load=load,
-    init=init,
-    step=step,
-    finish=finish,
-)
+FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

@@ -1,6 +1,6 @@
 """What the filter holds scans against: the map in all its forms, the models for a scanner, and what of a scan is used."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from pfcli.formats import map_yaml
 from pfcli.initial import Initial
 from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.success_decision import View
+from pfcli.systems.shared.contract import Job
 from pfcli.systems.shared.start_cells import start_cells
 
 _HIT_SIGMAS = 3.0
@@ -34,23 +35,23 @@ class Assets(NamedTuple):
     digest: str
 
 
-def load(params: Params, job: Any) -> Assets:
+def load(params: Params, job: Job) -> Assets:
     """Read the map. Raises LogError where nobody could stand in it, UsageError for a start outside or shares of beams that are
     more than all."""
     if params.z_hit + params.z_rand > 1.0 + 1e-9:
         raise UsageError("--z-hit and --z-rand must not exceed 1 together")
-    grid = map_yaml.read(job.map, job.settings.limits.map_mpx)
+    grid = map_yaml.read(job.map_file, job.max_map_mpx)
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:
-        raise LogError(f"{job.map}: has no free cells")
+        raise LogError(f"{job.map_file}: has no free cells")
     if not (grid.cells == 1).any():
-        raise LogError(f"{job.map}: has no occupied cells, so no scan can be compared with it")
+        raise LogError(f"{job.map_file}: has no occupied cells, so no scan can be compared with it")
     if job.initial.kind == "outside":
         raise UsageError("--initial outside: localize-reliable knows no outside; localize-partial does")
     field = class_conditional.build(grid.cells, grid.resolution_m, grid.origin)
     flat = grid._replace(origin=grid.origin._replace(yaw_rad=0.0))
     features = features_of(flat.cells != 0, flat.cells == 0, flat.resolution_m, flat.origin[:2])
-    cells = start_cells(region, job.initial, job.map)
+    cells = start_cells(region, job.initial, job.map_file)
     return Assets(grid, field, _turned(features, grid), cells, region.free_xy, job.initial, map_yaml.digest(grid))
 
 

@@ -1,0 +1,1 @@
+"""What systems share: their contract, and the parts that several of them are made of."""

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.systems.shared.result import Frame
+from pfcli.systems.shared.contract import Frame
 
 MOST = 500
 PARTICLES = 200

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import between, compose
 from pfcli.core.rows import Rows
 from pfcli.events import Sighting, Sounding, Sweep
-from pfcli.systems.shared.result import Track
+from pfcli.systems.shared.contract import Track
 
 
 class TrackKeeper:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import between, compose, spread_residual
 from pfcli.core.rows import Rows
 from pfcli.events import Sweep
-from pfcli.systems.shared.result import Track
+from pfcli.systems.shared.contract import Track
 from pfcli.systems.slam_gdr.proposal_kernels import coalesced, trace
 
 _SETTLE = 64

@@ -17,12 +17,11 @@ from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sweep
-from pfcli.registry import System
 from pfcli.rng import Draw, Purpose
+from pfcli.systems.shared.contract import Filter, Frame, Job, Result
 from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.motion_gate import noise_of, step_since
 from pfcli.systems.shared.resampling import ancestors_of, dispersed
-from pfcli.systems.shared.result import Frame, Result
 from pfcli.systems.shared.tile_map import grid_of
 from pfcli.systems.slam_gdr import path_smoother
 from pfcli.systems.slam_gdr.ancestry import History
@@ -255,13 +254,8 @@ def _moved(
     return out
 
 
-SYSTEM = System(
-    name="slam-gdr",
-    params=Params,
-    info=Info,
-    needs=(frozenset({"motion", "scan"}),),
-    load=lambda params, settings: None,
-    init=init,
-    step=step,
-    finish=finish,
-)
+def load(params: Params, job: Job) -> None:
+    """Nothing is known before the first scan."""
+
+
+FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

@@ -25,7 +25,7 @@ from pfcli.systems.shared.shared_params import (
 class Params:
     """Defaults hold for indoor robots with a laser of 4 m range or more."""
 
-    particles: Annotated[int, Opt("number of particles", "", 1, 100_000)] = 10
+    particles: Annotated[int, Opt("number of particles, each with a map of its own", "", 1, 10_000)] = 10
     variant: Annotated[
         str, Opt("paper: dispersal alpha / w_i as printed; corrected: alpha / (N w_i)", choices=("corrected", "paper"))
     ] = "corrected"

@@ -16,15 +16,14 @@ from pfcli.core import landmark_store
 from pfcli.core.geometry import between, wrap
 from pfcli.core.landmark_store import FIELDS, Store
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Sighting
 from pfcli.formats import landmark_csv
-from pfcli.registry import System
 from pfcli.rng import Draw, Purpose, rng_for
+from pfcli.systems.shared.contract import Filter, Job, Result
 from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.resampling import ancestors_of, dispersed
-from pfcli.systems.shared.result import Result
 from pfcli.systems.shared.track_keeper import TrackKeeper
 from pfcli.systems.slam_landmarks import landmark_smoother, landmark_start
 from pfcli.systems.slam_landmarks import landmark_table as landmarks
@@ -62,7 +61,7 @@ class Assets(NamedTuple):
 class State(NamedTuple):
     """pose (n, 3), log weight (n,), landmarks and how many columns of them (n,) each particle has; names: id -> column;
     seen_at (columns,): the observation that saw it last, -1 for none; odometry (1, 3) and way and turn at the last observation;
-    since: observations since the particles were drawn anew; recent: what was seen before the start; loss: what was left out;
+    since: observations since the particles were drawn anew; recent: what was seen before the start; dropped: what was left out;
     scales of `smooth.corrected`; what the end needs."""
 
     pose: NDArray[np.float64]
@@ -78,7 +77,7 @@ class State(NamedTuple):
     since: int
     started: bool
     recent: tuple[landmark_start.Seen, ...]
-    loss: Loss
+    dropped: Dropped
     scales: NDArray[np.float64]
     history: History
     track: TrackKeeper
@@ -90,7 +89,7 @@ _DRAWS = 200
 """So many draws tell the covariance of a smoothed track."""
 
 
-def load(params: Params, job: Any) -> Assets:
+def load(params: Params, job: Job) -> Assets:
     """Read the known landmarks, if any. Raises LogError for a file that is none, UsageError for gates in the wrong order."""
     if params.reject_gate > params.augment_gate:
         raise UsageError(f"--reject-gate {params.reject_gate:g} must not exceed --augment-gate {params.augment_gate:g}")
@@ -119,7 +118,7 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
         0,
         not assets.places,
         (),
-        Loss(),
+        Dropped(),
         landmark_smoother.no_scales(),
         history.empty(),
         TrackKeeper(),
@@ -140,7 +139,7 @@ def _known(assets: Assets, n: int) -> tuple[Store, dict[str, int]]:
 def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
     """Every observation with a usable detection updates the filter."""
     state.track.see(sighting)
-    view, names = of_sighting(sighting, state.names, bool(assets.places), params, state.loss)
+    view, names = of_sighting(sighting, state.names, bool(assets.places), params, state.dropped)
     state = state._replace(names=names)
     if view.z.shape[0] == 0:
         return state, None
@@ -309,7 +308,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
     marks = landmark_store.landmarks(state.store, best)
     past = history.of_particle(state.history, best, marks)
     options, scales = _options(assets, params), state.scales
-    landmarks.doubt(past, scales, state.names, options.fixed, state.loss)
+    landmarks.doubt(past, scales, state.names, options.fixed, state.dropped)
     if params.smooth:
         rng = rng_for(0, Purpose.PROPOSAL, 0)  # the end has no seed of its own, and needs none
         found = landmark_smoother.solve(past.log, past.track, past.places, scales, options, draws=_DRAWS, rng=rng)
@@ -339,19 +338,8 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         tables={"landmarks": table},
         texts=texts,
         given_frame=options.fixed,
-        loss=state.loss,
+        dropped=state.dropped,
     )
 
 
-SYSTEM = System(
-    name="slam-gdr --landmarks",
-    params=Params,
-    info=Info,
-    needs=(frozenset({"motion", "landmarks"}),),
-    load=load,
-    init=init,
-    step=step,
-    finish=finish,
-    readings="frames",
-    unusable="holds a detection within --landmark-range-m (of a known landmark, with --landmark-map)",
-)
+FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

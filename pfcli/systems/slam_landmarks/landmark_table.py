@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import printable
 from pfcli.systems.slam_landmarks import landmark_smoother
 from pfcli.systems.slam_landmarks.particle_history import Past
@@ -28,16 +28,16 @@ def table(past: Past, marks: NDArray[np.float64], names: dict[str, int]) -> dict
     return found
 
 
-def doubt(past: Past, scales: NDArray[np.float64], names: dict[str, int], mapped: bool, loss: Loss) -> None:
+def doubt(past: Past, scales: NDArray[np.float64], names: dict[str, int], mapped: bool, dropped: Dropped) -> None:
     """Say which landmarks do not stay where they are; and, unless they are `mapped`, where none corrects the odometry."""
     squares = landmark_smoother.squared_errors(past.track, past.places, scales, past.log)
     for k, name in enumerate(ids(past, names)):
         own = squares[past.log.of == k]
         if own.size >= _MANY and np.median(own) > _MOVED:
             far = f"it is seen {np.sqrt(np.median(own)):.0f} standard deviations off"
-            loss.add(
+            dropped.add(
                 "landmark that moves",
                 f"landmark {printable(name)!r} does not stay in one place: {far}; it counts little",
             )
     if not mapped and np.bincount(past.log.of, minlength=1).max() < 2:
-        loss.add("landmarks seen once", "no landmark was seen twice: the track is that of the odometry alone")
+        dropped.add("landmarks seen once", "no landmark was seen twice: the track is that of the odometry alone")

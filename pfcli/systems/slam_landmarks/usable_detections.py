@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.dropped import Loss
+from pfcli.dropped import Dropped
 from pfcli.errors import printable
 from pfcli.events import Sighting
 from pfcli.systems.slam_landmarks.observation_kernels import UNKNOWN
@@ -35,10 +35,10 @@ class View(NamedTuple):
 
 
 def of_sighting(
-    sighting: Sighting, names: dict[str, int], mapped: bool, params: Params, loss: Loss
+    sighting: Sighting, names: dict[str, int], mapped: bool, params: Params, dropped: Dropped
 ) -> tuple[View, dict[str, int]]:
     """Detections within range, each id once in an observation, and the columns of all ids: new ones get one, unless the
-    landmarks are `mapped`. What is left out is counted in loss."""
+    landmarks are `mapped`. What is left out is counted in dropped."""
     names, rows, seen = dict(names), [], set[str]()
     bearing_sd = math.radians(params.bearing_sigma_deg)
     for group in sighting.landmarks:
@@ -47,7 +47,7 @@ def of_sighting(
                 continue
             if name and name in seen and params.association != "unknown":
                 note = f"landmark {printable(name)!r} is detected twice at one stamp; its first detection counts"
-                loss.add("landmark twice at a stamp", note)
+                dropped.add("landmark twice at a stamp", note)
                 continue
             spread = math.hypot(params.range_sigma_m, params.range_sigma_share * r), bearing_sd
             sd = [s if math.isfinite(s) and s > 0.0 else d for s, d in zip(sigma, spread, strict=True)]
@@ -59,7 +59,7 @@ def of_sighting(
         if mapped:
             here = [row for row in rows if row[0] in names]
             if len(here) < len(rows):
-                loss.read[_STRANGE] += len(rows) - len(here)
+                dropped.read[_STRANGE] += len(rows) - len(here)
             rows = here
         for name, *_ in rows:
             names.setdefault(name, len(names))
