@@ -21,13 +21,14 @@ from pfcli.formats import (
     tum,
 )
 from pfcli.formats.limits import Limits
+from pfcli.formats.roles import ROLES
 from pfcli.replay import plausible
 from pfcli.replay.log import Log
 from pfcli.replay.settings import Settings
 
 LIMITS = Limits(chunk_mib=4, buffer_mib=16)
-CDR = [(role, kind) for role, kinds in messages.ROLES.items() for kind in kinds if not kind.startswith("pfcli.")]
-JSON = [(role, kind) for role, kinds in messages.ROLES.items() for kind in kinds if kind.startswith("pfcli.")]
+CDR = [(role, kind) for role, kinds in ROLES.items() for kind in kinds if not kind.startswith("pfcli.")]
+JSON = [(role, kind) for role, kinds in ROLES.items() for kind in kinds if kind.startswith("pfcli.")]
 
 
 @cache

@@ -9,7 +9,7 @@ from pfcli.core.sensor import class_conditional as cc
 from pfcli.formats import map_yaml, parquet
 from pfcli.initial import Initial
 from pfcli.params import build
-from pfcli.registry import system
+from pfcli.registry import filter_of, system
 from pfcli.replay.log import Log
 from pfcli.runs import loop
 from pfcli.systems.localize_reliable import map_change, trust_record
@@ -129,7 +129,7 @@ def test_a_wall_that_is_gone_does_not_make_a_right_place_doubtful_for_long(tmp_p
         params = build(reliable.params, {"map_changes": counts}, "test")
         start = Initial("pose", tuple(poses[0]))
         done = loop.execute(loop.Job(reliable, params, [log], 1, map=tmp_path / "map.yaml", initial=start))
-        rows = {k: np.asarray(v) for k, v in parquet.columns_of(done.infos, reliable.info).items()}
+        rows = {k: np.asarray(v) for k, v in parquet.columns_of(done.infos, filter_of(reliable).info).items()}
         at = done.result.track.poses[done.result.track.columns["update"]]
         error = np.hypot(*(at - np.array([truth[t] for t in rows["t_ns"].tolist()]))[:, :2].T)
         assert np.mean(error <= rows["protection_m"]) > 0.99
