@@ -1,0 +1,1 @@
+"""Files: one reader or writer each."""

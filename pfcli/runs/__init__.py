@@ -1,0 +1,1 @@
+"""The loop that all systems share, and what a run leaves."""

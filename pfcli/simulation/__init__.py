@@ -1,0 +1,1 @@
+"""Worlds, robots and sensors with truth."""

@@ -1,0 +1,1 @@
+"""How good a track or a map is, against truth, relations or itself."""

@@ -1,0 +1,1 @@
+"""Grid maps: cells, tiles, rays, distances, and scans matched against them."""

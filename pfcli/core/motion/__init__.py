@@ -1,0 +1,1 @@
+"""Motion models: odometry, wheels, and what they err by."""

@@ -1,0 +1,1 @@
+"""Resampling schemes: ancestors of the next particles."""

@@ -1,0 +1,1 @@
+"""Sensor models: how well a reading fits a pose."""

@@ -5,7 +5,7 @@ import pytest
 
 from pfcli.core.grid import tiles
 from pfcli.core.grid.normals import map_normal, scan_normals
-from tests.core.test_scan_match import _points, _scan
+from tests.core.grid.test_scan_match import _points, _scan
 
 
 def test_normals_are_across_the_walls() -> None:
