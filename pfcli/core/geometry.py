@@ -7,7 +7,7 @@ from pfcli.core.jit import inline_kernel, kernel, put
 
 @inline_kernel
 def wrap(angle):  # type: ignore[no-untyped-def]
-    """The angle in -pi .. pi."""
+    """The angle (rad, scalar) in -pi .. pi."""
     return angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
 
 
@@ -24,7 +24,7 @@ def cholesky3(a, low):  # type: ignore[no-untyped-def]
 
 @kernel
 def solve3(low, b, out):  # type: ignore[no-untyped-def]
-    """Solve low low^T out = b."""
+    """Solve low low^T out = b: low (3, 3) from `cholesky3`, b (3,), out (3,) is written."""
     y0 = b[0] / low[0, 0]
     y1 = (b[1] - low[1, 0] * y0) / low[1, 1]
     out[2] = (b[2] - low[2, 0] * y0 - low[2, 1] * y1) / (low[2, 2] * low[2, 2])

@@ -27,7 +27,7 @@ class Store(NamedTuple):
 
 
 def empty(n: int) -> Store:
-    """No landmarks for n particles."""
+    """No landmarks for n particles: an index (n, 0) and no block."""
     return Store(
         np.empty((n, 0), np.int32),
         np.empty((0, BLOCK, FIELDS)),
@@ -38,7 +38,7 @@ def empty(n: int) -> Store:
 
 
 def reserve(store: Store, columns: int) -> Store:
-    """Room for landmarks up to `columns` in every particle, even if no block were shared."""
+    """Room for landmarks 0 .. columns - 1 in every one of the n particles, even if no block were shared."""
     n, have = store.table.shape
     blocks = -(-columns // BLOCK)
     if blocks <= have:
@@ -119,7 +119,7 @@ def _choose(table, ancestors, refs, free, top):  # type: ignore[no-untyped-def]
 
 
 def choose(store: Store, ancestors: NDArray[np.int64]) -> Store:
-    """The store after resampling."""
+    """The store after resampling by ancestors int64 (n,)."""
     return store._replace(table=_choose(store.table, ancestors, store.refs, store.free, store.top))
 
 

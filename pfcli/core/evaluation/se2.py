@@ -7,7 +7,7 @@ _Array = NDArray[np.float64]
 
 
 def wrap(angle: _Array) -> _Array:
-    """Angles in -pi .. pi."""
+    """Angles (..,) rad in -pi .. pi."""
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -19,7 +19,7 @@ def compose(a: _Array, b: _Array) -> _Array:
 
 
 def between(a: _Array, b: _Array) -> _Array:
-    """Pose rows b seen from a."""
+    """Pose rows b (.., 3) seen from a (.., 3), m and rad."""
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     return np.stack([c * dx + s * dy, -s * dx + c * dy, wrap(b[..., 2] - a[..., 2])], -1)

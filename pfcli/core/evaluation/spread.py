@@ -21,7 +21,7 @@ class Spread(NamedTuple):
 
 
 def spread(errors: _Array, seed: int = 0) -> Spread:
-    """Statistics of errors that stand in order of time; the bootstrap draws blocks, since neighbours err alike."""
+    """Statistics of errors (n,) in order of time, in their own unit; the bootstrap draws blocks, since neighbours err alike."""
     if errors.size == 0:
         return Spread(0, *[float("nan")] * 6)
     low, high = block_bootstrap(errors, seed)

@@ -80,7 +80,7 @@ class ScanOdometry:
 
 
 def ends_of(scan: tiles.Beams) -> NDArray[np.float64]:
-    """End points on surfaces, which come first."""
+    """End points (b, 2) on surfaces in the base frame (m); they come first in a scan of `tiles.Beams`."""
     return scan.ends[: int(scan.hit.sum())]
 
 

@@ -72,7 +72,7 @@ def points_of(
 
 
 def beams_of(points: Points, mount: tuple[float, float, float]) -> Beams:
-    """The scan as what is drawn into a map."""
+    """The scan as what is drawn into a map: points (b, 2) in the base frame (m), those that hit first."""
     k = points.far.shape[0]
     hit = np.ones(points.skip.size + k, np.uint8)
     hit[points.skip.size :] = 0

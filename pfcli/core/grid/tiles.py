@@ -52,7 +52,7 @@ class Tiles(NamedTuple):
 
 
 def empty(n: int, resolution_m: float, capacity: int = 4096) -> Tiles:
-    """Tables for `n` particles, all of the world unknown, centred on the origin."""
+    """Tables (n, rows, columns) of tiles for `n` particles, all of the world unknown, centred on the origin of the map frame."""
     return Tiles(
         index=np.full((n, 16, 16), -1, np.int32),
         corner=np.array([-8, -8], np.int64),

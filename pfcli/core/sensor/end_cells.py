@@ -38,6 +38,6 @@ def cells_of(placed, px, py, shape, shift, at, n):  # type: ignore[no-untyped-de
 
 @inline_kernel
 def look_up(table, at, found, n):  # type: ignore[no-untyped-def]
-    """found[i] = table[at[i]] for i < n."""
+    """found[i] = table[at[i]] for i < n; found (>= n,), at int (>= n,), table flat."""
     for i in range(n):
         found[i] = table[np.uint32(at[i])]

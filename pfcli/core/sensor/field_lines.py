@@ -98,7 +98,7 @@ def _fill_rows(low, high, segments, arcs, cols, corner, steps, nearest):  # type
 
 
 def build(lines: Lines) -> Table:
-    """The table of a field and MARGIN_M around it."""
+    """The table of a field (lines in m, field frame) and MARGIN_M around it: steps and nearest lines (rows * cols,)."""
     low = lines.low - MARGIN_M
     cols, rows = (int(v) for v in np.ceil((lines.high + MARGIN_M - low) / CELL_M))
     steps, nearest = np.empty(rows * cols, np.uint8), np.empty(rows * cols, np.uint8)

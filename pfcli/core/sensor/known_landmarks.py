@@ -156,7 +156,8 @@ def triangulated(detections: Detections, near: NDArray[np.float64]) -> tuple[flo
 def two_ranges(
     a: tuple[float, float], b: tuple[float, float], range_a_m: float, range_b_m: float
 ) -> list[tuple[float, float]]:
-    """The positions with these ranges to two known places: two, or one where the circles only just miss each other.
+    """The positions (k, 2) with these ranges (m) to two known places a, b (2,): two, or one
+    where the circles only just miss each other.
 
     Zhang 2011, section 2.2. None where the places coincide or the circles are apart by more than a tenth of their distance.
     """

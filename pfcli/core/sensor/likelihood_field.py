@@ -55,7 +55,7 @@ def grid_frame(resolution_m: float, origin: tuple[float, float, float], border: 
 
 
 def log_ratio(distance_m: NDArray[np.float64], model: Model, level: int | NDArray[np.int32] = 0) -> NDArray[np.float64]:
-    """Evidence of a beam that ends so far from a mapped surface, with the spread of a level."""
+    """Evidence (nats, shape of `distance_m`) of a beam that ends so far from a mapped surface (m), with the spread of a level."""
     sigma = model.sigma_m * 2.0**level
     peak = model.reach_m / (sigma * np.sqrt(2 * np.pi))
     ratio = model.z_hit * peak * np.exp(-0.5 * (distance_m / sigma) ** 2) + (1.0 - model.z_hit)

@@ -39,7 +39,8 @@ NEAR_CELLS = 6.0
 
 
 def nearest_free(cells: NDArray[np.int8]) -> NDArray[np.int32]:
-    """Flat index of the free cell nearest to each cell, itself where it is free, -1 where none is within NEAR_CELLS."""
+    """Flat index of the free cell nearest to each cell (rows, columns): itself where it is free, -1 where none is within
+    NEAR_CELLS."""
     free = cells == 0
     if not free.any():
         return np.full(cells.shape, -1, np.int32)
@@ -48,7 +49,7 @@ def nearest_free(cells: NDArray[np.int8]) -> NDArray[np.int32]:
 
 
 def bytes_of(cells: NDArray[np.int8], bins: int) -> int:
-    """Size of the table of a map."""
+    """Size (bytes) of the table of a map, cells (rows, columns)."""
     return int((cells == 0).sum()) * bins * 2 + cells.size * 4
 
 
@@ -82,7 +83,7 @@ def over(
     origin: tuple[float, float, float],
     range_m: float,
 ) -> RangeTable:
-    """A table of ranges that are there already."""
+    """A table of ranges (free cells, bins) in m that are there already."""
     free = (cells == 0).ravel()
     number = np.where(free, np.cumsum(free) - 1, -1).astype(np.int32)
     near = nearest_free(cells)
