@@ -12,3 +12,15 @@ class Limits(NamedTuple):
 
 
 DEFAULTS = Limits()
+
+
+class Reading(NamedTuple):
+    """How containers are read. max_chunk_mib: of `Limits`; of logs that are text: range_scale multiplies their ranges,
+    repair_stamps mends stamps whose microseconds lost their zeros."""
+
+    max_chunk_mib: float = DEFAULTS.chunk_mib
+    range_scale: float = 1.0
+    repair_stamps: bool = True
+
+
+AS_IT_IS = Reading()

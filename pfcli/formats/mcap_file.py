@@ -8,7 +8,6 @@ import struct
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,23 +16,12 @@ from pfcli.errors import LogError, printable, reason
 from pfcli.formats import mcap_records as records
 from pfcli.formats.limits import DEFAULTS
 from pfcli.formats.mcap_chunks import Chunk, open_chunk, salvage
-from pfcli.formats.mcap_records import MAGIC, Channel, Records, Walk
+from pfcli.formats.mcap_records import MAGIC, Records, Walk
+from pfcli.formats.mcap_summary import ChunkIndex, chunk_index, statistics
+from pfcli.formats.reader import EVERYTHING, Batch, Channel, Span, Wanted, span_of
 
 _PAGES = 1 << 24
-
-
-class Batch(NamedTuple):
-    """Messages of one buffer: channel ids, times (ns), sequence and the place of each payload in `data`; `sure`: no checksum
-    and no decompressor objects to them."""
-
-    data: bytes | memoryview
-    channel: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
-    publish_ns: NDArray[np.int64]
-    sequence: NDArray[np.int64]
-    offset: NDArray[np.int64]
-    length: NDArray[np.int64]
-    sure: bool = True
+_DECLARING = (records.SCHEMA, records.CHANNEL, records.STATISTICS, records.CHUNK_INDEX)
 
 
 class McapFile:
@@ -51,8 +39,10 @@ class McapFile:
         self._limit = int(max_chunk_mib * 2**20)
         self._schemas: dict[int, tuple[str, str, bytes]] = {0: ("", "", b"")}
         self._known = np.zeros(65536, np.bool_)
-        self._claimed: int | None = None
+        self._claimed: Span | None = None
+        self._chunks: dict[int, ChunkIndex] = {}
         self._forgotten = 0
+        self._wanted, self._passed, self._passing = EVERYTHING, 0, False
         try:
             if path.is_dir():
                 raise LogError(f"{path}: is a folder; name the .mcap file in it")
@@ -87,11 +77,22 @@ class McapFile:
                 if opcode in (records.ATTACHMENT, records.METADATA):
                     yield opcode, bytes(self._view[offset : offset + length])
 
+    @property
+    def files(self) -> list[Path]:
+        """The file."""
+        return [self.path]
+
     def survey(self) -> None:
         """Fill `channels` from the summary section, or by a walk where the file has none."""
         if not self._read_summary():
             for _ in self.batches():
                 pass
+
+    def span(self) -> Span | None:
+        """Times and count as the summary has them, or by a walk."""
+        if self._claimed is not None:
+            return self._claimed if self._claimed.messages else None
+        return span_of(self.batches())
 
     def _read_summary(self) -> bool:
         data = self._bytes
@@ -109,14 +110,19 @@ class McapFile:
             self._declare(self._view[start:foot], found.others)
             if found.gaps.size:
                 return False
-        if not crc:
-            self._claimed = None  # what no checksum covers is not believed
+        if not crc:  # what no checksum covers is not believed
+            self._claimed = None
+            self._chunks = {}
         return bool(self.channels)
 
-    def batches(self) -> Iterator[Batch]:
-        """Messages, a buffer at a time, in file order; what cannot be read is noted in `losses`."""
+    def batches(self, wanted: Wanted = EVERYTHING) -> Iterator[Batch]:
+        """Messages, a buffer at a time, in file order; what cannot be read is noted in `losses`.
+
+        Chunks that the summary says to hold nothing that is wanted are passed over.
+        """
         self.losses.clear()
         self._forgotten = 0
+        self._wanted, self._passed = wanted, 0
         count, last = 0, 0
         walk = Walk(self._bytes, self._known, len(MAGIC))
         while walk.more:
@@ -125,14 +131,31 @@ class McapFile:
             for batch in self._in_order(found):
                 count += len(batch.channel)
                 yield batch
+            self._pass(found.others)
             last = int(found.others[-1, 0]) if len(found.others) else last
             if last == records.DATA_END:
                 self._check_data(int(found.others[-1, 1]))
         if last not in (records.DATA_END, records.FOOTER) and not self.losses:
             self.lose("ends without a footer; the recorder was stopped hard")
-        self.missing = max(0, (self._claimed or 0) - count)
+        claimed = self._claimed.messages if self._claimed is not None else 0
+        self.missing = max(0, claimed - count - self._passed)
         if self.missing:
-            self.lose(f"{self.missing} of {self._claimed} messages could not be read")
+            self.lose(f"{self.missing} of {claimed} messages could not be read")
+
+    def _is_wanted(self, begin: int) -> bool:
+        """Whether the chunk whose record begins at a byte may hold something wanted."""
+        index = self._chunks.get(begin)
+        return index is None or index.holds(self._wanted)
+
+    def _pass(self, others: NDArray[np.int64]) -> None:
+        """Count the messages of the chunks that were passed over by the message indexes behind them."""
+        if self._wanted == EVERYTHING:
+            return
+        for opcode, offset, length in others.tolist():
+            if opcode == records.CHUNK:
+                self._passing = not self._is_wanted(offset - 9)
+            elif opcode == records.MESSAGE_INDEX and self._passing:
+                self._passed += (length - 6) // 16
 
     def _in_order(self, found: Records) -> Iterator[Batch]:
         """Messages at the top level, in chunks and in what is left of chunks, by their place in the file."""
@@ -169,10 +192,12 @@ class McapFile:
     def _check_data(self, at: int) -> None:
         """The checksum of everything before the record of the data's end, where the recorder made one."""
         (crc,) = struct.unpack_from("<I", self._view, at)
-        if crc and not self.losses and zlib.crc32(self._view[: at - 9]) != crc:
+        if crc and not self.losses and not self._passed and zlib.crc32(self._view[: at - 9]) != crc:
             self.lose("its data fail their checksum; they are used as far as they can be")
 
     def _chunk(self, begin: int, end: int) -> Iterator[Batch]:
+        if not self._is_wanted(begin - 9):
+            return
         chunk = open_chunk(self._view[begin:end], self._limit)
         if chunk.trouble:
             self.lose(f"chunk at byte {begin - 9} {chunk.trouble}")
@@ -205,7 +230,7 @@ class McapFile:
     def _declare(self, data: bytes | memoryview, others: NDArray[np.int64]) -> None:
         """Take up the schema, channel and statistics records among `others`."""
         for opcode, offset, length in others.tolist():
-            if opcode not in (records.SCHEMA, records.CHANNEL, records.STATISTICS):
+            if opcode not in _DECLARING:
                 continue
             body = bytes(data[offset : offset + length])
             try:
@@ -213,10 +238,13 @@ class McapFile:
                     self._declare_schema(body)
                 elif opcode == records.CHANNEL:
                     self._declare_channel(body)
+                elif opcode == records.STATISTICS:
+                    self._claimed = statistics(body)
                 else:
-                    (self._claimed,) = struct.unpack_from("<Q", body)
+                    start, index = chunk_index(body)
+                    self._chunks[start] = index
             except (struct.error, UnicodeDecodeError):
-                self.lose(f"a schema or channel record of {length} bytes cannot be read")
+                self.lose(f"a schema, channel or index record of {length} bytes cannot be read")
 
     def _declare_schema(self, body: bytes) -> None:
         (ident,) = struct.unpack_from("<H", body)

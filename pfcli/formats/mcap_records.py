@@ -13,22 +13,11 @@ from pfcli.core.jit import inline_kernel, kernel
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x06
+MESSAGE_INDEX, CHUNK_INDEX = 0x07, 0x08
 ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
 _PADDING = 64
 """Records may be longer than their fields, for fields of the future; by more than this they are taken for damage."""
 _BATCH = 8192
-
-
-class Channel(NamedTuple):
-    """A channel with its schema, as the file declares them."""
-
-    id: int
-    topic: str
-    encoding: str
-    schema_name: str
-    schema_encoding: str
-    schema: bytes
-    metadata: bytes = b""
 
 
 class Records(NamedTuple):

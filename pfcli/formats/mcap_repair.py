@@ -10,7 +10,7 @@ from pfcli.formats import mcap_records
 from pfcli.formats.limits import DEFAULTS
 from pfcli.formats.log_writer import mcap_writer
 from pfcli.formats.mcap_file import McapFile
-from pfcli.formats.mcap_records import Channel
+from pfcli.formats.reader import Channel
 
 _MOST_CHANNELS = 65535
 

@@ -1,4 +1,4 @@
-"""MCAP logs as one time-ordered stream of events, as fast as the disk gives them and in bounded memory.
+"""Recordings as one time-ordered stream of events, as fast as the disk gives them and in bounded memory.
 
 The order is total: (stamp, rank of the topic's role, sequence), made by a reorder buffer. Messages are decoded only
 where a role of the run asks for their topic. What is lost on the way is counted, never silent.
@@ -17,9 +17,10 @@ from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Heading, Landmarks, LinePoints, Odometry, Range, Scan, Truth
 from pfcli.formats import json_messages
 from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
-from pfcli.formats.mcap_file import McapFile
-from pfcli.formats.mcap_records import Channel
+from pfcli.formats.limits import Reading
 from pfcli.formats.messages import SECOND, Decoder, Transform, decoder, transforms, yaw_of
+from pfcli.formats.reader import Channel, Wanted
+from pfcli.formats.recording import Recording
 from pfcli.formats.roles import MANY, ROLES
 from pfcli.replay import plausible, vision
 from pfcli.replay.reorder import Reorder, Source, Stamp, Waiting
@@ -38,14 +39,13 @@ DEFAULTS = Settings()
 
 
 class Log:
-    """An opened log: its channels are known, its events can be replayed any number of times."""
+    """An opened recording, of one part or more: its channels are known, its events can be replayed any number of times."""
 
-    def __init__(self, path: Path, settings: Settings = DEFAULTS) -> None:
-        self.path = path
+    def __init__(self, paths: Path | Sequence[Path], settings: Settings = DEFAULTS) -> None:
         self.settings = settings
         self.dropped = Dropped()
-        self._file = McapFile(path, settings.limits.chunk_mib)
-        self._file.survey()
+        self._file = Recording([paths] if isinstance(paths, Path) else paths, Reading(settings.limits.chunk_mib))
+        self.path = self._file.path
         self.damage = f" ({self._file.losses[0].partition(': ')[2]})" if self._file.losses else ""
         """What a survey that found damage says of it, for messages about what the log lacks."""
         self._extrinsics = self._read_extrinsics()
@@ -94,7 +94,7 @@ class Log:
         found = Extrinsics()
         static = {c.id for c in self.channels if c.schema_name == _TF and c.topic.endswith("tf_static")}
         if static:
-            for batch in self._file.batches():
+            for batch in self._file.batches(Wanted(frozenset(static))):
                 for k in np.flatnonzero(np.isin(batch.channel, list(static))).tolist():
                     for t in transforms(batch.data, int(batch.offset[k]), int(batch.length[k])):
                         found.add(t.parent, t.child, from_transform(t.translation, t.rotation))
@@ -111,12 +111,13 @@ class Log:
         room = int(reading.limits.buffer_mib * 2**20)
         waiting = Waiting(int(reading.reorder_s * SECOND), room, reading.clock, offsets)
         order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped)
-        for source, buffer, offset, length, stamp_ns in order.messages(self._file.batches()):
+        for source, buffer, offset, length, stamp_ns in order.messages(self._file.batches(_wanted(sources))):
             event = self._decoded(source, buffer, offset, length, stamp_ns, mounts)
             if event is not None:
                 yield event
         for note in self._file.losses:
             self.dropped.add("damaged place", note, _PLACES)
+        self.dropped.notes += self._file.notes
         if self._file.missing:
             self.dropped.counts["missing message"] += self._file.missing
 
@@ -207,6 +208,11 @@ class Log:
         if isinstance(event, Landmarks) and self.settings.landmark_ranges == "depth":
             event = vision.distances(event, source.where, self.dropped)
         return vision.placed(event, mount.pose, self.settings.image, source.where, self.dropped)
+
+
+def _wanted(sources: Sequence[Source]) -> Wanted:
+    """What a replay of these sources asks of the containers."""
+    return Wanted(frozenset(source.channel.id for source in sources))
 
 
 def _with_schema(role: str, channel: Channel) -> Channel:

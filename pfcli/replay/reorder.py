@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from pfcli.core.jit import kernel
 from pfcli.dropped import Dropped
 from pfcli.errors import LogError
-from pfcli.formats.mcap_file import Batch
-from pfcli.formats.mcap_records import Channel
 from pfcli.formats.messages import SECOND, Decoder, stamp_in_header
+from pfcli.formats.reader import Batch, Channel
 from pfcli.formats.roles import RANK
 
 _LEAP_NS = SECOND

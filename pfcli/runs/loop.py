@@ -77,9 +77,9 @@ def execute(job: Job) -> Run:
     began = time.perf_counter()
     if job.threads:
         set_threads(job.threads)
-    logs = [Log(path, job.settings) for path in job.paths]
-    motion = motion_source(logs[0], job.motion)
-    roles = _roles(job, logs[0], motion)
+    log = Log(job.paths, job.settings)
+    motion = motion_source(log, job.motion)
+    roles = _roles(job, log, motion)
     dropped = Dropped()
     truth: list[Truth] = []
     filter_ = filter_of(job.system)
@@ -89,7 +89,7 @@ def execute(job: Job) -> Run:
     updates = Rows((2,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
-    sweeps = align.sweeps(_without_truth(_replay(logs, roles, dropped), truth), motion, job.drive, dropped)
+    sweeps = align.sweeps(_without_truth(_replay(log, roles, dropped), truth), motion, job.drive, dropped)
     for sweep in progress(_with_data(sweeps, dropped), job.progress, job.system.name):
         if state is None:
             state = filter_.init(job.params, assets, sweep, draw)
@@ -161,17 +161,9 @@ _NOUNS = {
 }
 
 
-def _replay(logs: list[Log], roles: list[str], dropped: Dropped) -> Iterator[Event]:
-    last = -(1 << 62)
-    for log in logs:
-        for event in log.events(roles):
-            if event.stamp_ns < last:
-                raise LogError(
-                    f"{log.path}: begins before the log in front of it ends; give the parts in order of time"
-                )
-            last = event.stamp_ns
-            yield event
-        dropped.take(log.dropped)
+def _replay(log: Log, roles: list[str], dropped: Dropped) -> Iterator[Event]:
+    yield from log.events(roles)
+    dropped.take(log.dropped)
 
 
 def _name_truth(log: Log, name: str) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pfcli import __version__
 from pfcli.formats import map_yaml, parquet, tum
+from pfcli.formats.folders import find
 from pfcli.params import to_toml
 from pfcli.registry import filter_of
 from pfcli.replay.settings import Drive
@@ -31,7 +32,7 @@ def provenance(job: Job) -> dict[str, Any]:
         "system": job.system.name,
         "seed": job.seed,
         "params": dict(sorted(vars_of(job.params).items())),
-        "inputs": [{"name": path.name, "sha256": digest(path)} for path in job.paths],
+        "inputs": [{"name": path.name, "sha256": digest(path)} for path in find(job.paths).files],
         "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {}) and k != "limits"},
         "motion": job.motion,
         **({"drive": list(job.drive)} if job.drive != Drive() else {}),

@@ -198,7 +198,7 @@ def test_files_that_are_no_logs(pfcli: Cli, tmp_path: Path) -> None:
     for path, says in (
         (tmp_path / "empty.mcap", "empty"),
         (tmp_path / "text.mcap", "not an MCAP"),
-        (tmp_path, "folder"),
+        (tmp_path, "holds 2 recordings"),
         (tmp_path / "gone", "No such file"),
     ):
         _one_line(pfcli("slam-gdr", path, "--out", tmp_path / "o"), 1, says)

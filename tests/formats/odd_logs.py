@@ -55,7 +55,7 @@ def write(path: Path, order: list[int], schema: tuple[str, str, bytes] | None = 
         writer.finish()
 
 
-def numbers(log: Path | Log, **settings: Any) -> list[int]:
+def numbers(log: Path | list[Path] | Log, **settings: Any) -> list[int]:
     """The numbers of the messages that a replay gives."""
     opened = log if isinstance(log, Log) else Log(log, Settings(**settings))
     return [round(event.x_m * 10) for event in opened.events(["odometry"])]  # type: ignore[union-attr]

@@ -33,10 +33,10 @@ def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[st
     import numpy as np
 
     from pfcli.errors import printable
-    from pfcli.formats.mcap_file import McapFile
+    from pfcli.formats.limits import Reading
+    from pfcli.formats.recording import Recording
 
-    file = McapFile(path, max_chunk_mib)
-    file.survey()
+    file = Recording([path], Reading(max_chunk_mib))
     times: dict[int, list[Any]] = {}
     for batch in file.batches():
         for channel in np.unique(batch.channel).tolist():
@@ -62,7 +62,7 @@ def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[st
         topics.append(row)
     found = {
         "log": str(path),
-        "bytes": path.stat().st_size,
+        "bytes": sum(part.stat().st_size for part in file.files),
         "messages": sum(t["messages"] for t in topics),
         "span_s": round((max(span) - min(span)) * 1e-9, 3) if span else 0.0,
         "start_ns": min(span, default=0),
