@@ -78,7 +78,7 @@ def tells(world: World, assets: Any, params: Any) -> np.ndarray:
 
     found = []
     for reading, truth in zip(world.readings, world.truth, strict=True):
-        beams = beams_of(reading, params)
+        beams: Any = beams_of(reading, params)
         mine = view(truth, beams)
         off = [np.sum(np.abs(np.minimum(view(i, beams), 8.0) - np.minimum(mine, 8.0)) > 0.3) for i in images(truth)]
         found.append(min(off) >= min(2, mine.size // 2))

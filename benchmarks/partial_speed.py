@@ -18,8 +18,9 @@ from pfcli.initial import Initial
 from pfcli.registry import system
 from pfcli.rng import Draw
 from pfcli.runs.loop import Job, execute
-from pfcli.systems.localize_partial import filter, matched_odometry, update_corrected
-from pfcli.systems.localize_partial.class_belief import Assets, Belief, Reading
+from pfcli.systems.localize_partial import filter, incomplete_map, matched_odometry, update_corrected
+from pfcli.systems.localize_partial.class_belief import Belief, Reading
+from pfcli.systems.localize_partial.incomplete_map import Assets
 from pfcli.systems.localize_partial.params import Params
 
 
@@ -39,7 +40,7 @@ def main() -> None:
     """Print the table; numpy's look-up of the same beams stands beside the kernel."""
     log, map_file = partial_map.log_of("partial-leave", 0)
     params = Params(kld=False, resample_threshold=0.0, particles=100_000)
-    assets = filter.load(
+    assets = incomplete_map.load(
         params, Job(system("localize-partial"), params, [log], map=map_file, initial=Initial("pose", (3.0, 0.0, 0.0)))
     )
     rng = np.random.default_rng(0)

@@ -158,7 +158,9 @@ def classes(log: Path, judged: Judged) -> np.ndarray:
         k = index.get(sweep.stamp_ns)
         if k is None or not judged.good[k]:
             continue
-        scan, _ = map_models.scan_of(sweep, params)
+        used = map_models.usable_scan(sweep, params)
+        assert used is not None, "updates have usable beams"
+        scan = used.scan
         model = map_models.model_of(params, 30.0)
         called = class_conditional.classes(judged.pose[k], scan, field, model).p_unknown >= params.unknown_threshold
         really = class_conditional.classes(judged.truth[k], scan, field, model).away_m > 0.2

@@ -20,6 +20,16 @@ class PoseEstimate(NamedTuple):
     cov: NDArray[np.float64]
     mass: float
 
+    @property
+    def sd_m(self) -> float:
+        """Root of the variance of the place, both axes together (m)."""
+        return float(np.sqrt(self.cov[0, 0] + self.cov[1, 1]))
+
+    @property
+    def sd_yaw_rad(self) -> float:
+        """Standard deviation of the heading (rad)."""
+        return float(np.sqrt(self.cov[2, 2]))
+
 
 @kernel
 def _around(poses, weights, centre, reach_m, reach_rad, mean, cov):  # type: ignore[no-untyped-def]

@@ -19,8 +19,9 @@ from pfcli.registry import filter_of, system
 from pfcli.runs.loop import Job
 from pfcli.simulation.indoor_world import WORLDS, rasterize
 from pfcli.systems.localize_lookup import smc_start
+from pfcli.systems.localize_lookup.expected_ranges import Assets, evidence
 from pfcli.systems.localize_lookup.params import Params
-from pfcli.systems.localize_lookup.reading_beams import Assets, beams_of, evidence, model_of
+from pfcli.systems.localize_lookup.reading_beams import beams_of, model_of
 from pfcli.systems.localize_reliable.params import Params as ReliableParams
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]

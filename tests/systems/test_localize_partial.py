@@ -33,7 +33,8 @@ from pfcli.systems.localize_partial import (
     update_corrected,
     update_paper,
 )
-from pfcli.systems.localize_partial.class_belief import Assets, Belief, Past, Reading
+from pfcli.systems.localize_partial.class_belief import Belief, Past, Reading
+from pfcli.systems.localize_partial.incomplete_map import Assets
 from pfcli.systems.localize_partial.params import Params
 
 MODEL = likelihood_field.Model(0.1, 0.8, 5.0)
@@ -597,6 +598,6 @@ def test_only_a_start_that_may_be_anywhere_may_be_missed(initial: Initial, misse
     """What is said of the start holds: nobody is looked for beyond it."""
     first: Any = SimpleNamespace(stamp_ns=5, odometry=(0.0, 0.0, 0.0))
     told = assets._replace(initial=initial)
-    assert filter.init(Params(particles=300, start_density_per_m2=1.0), told, first, Draw(0)).b[0] == missed
+    assert filter.init(Params(particles=300, start_density_per_m2=1.0), told, first, Draw(0)).belief.b[0] == missed
     printed = filter.init(Params(particles=300, start_density_per_m2=1.0, variant="paper"), told, first, Draw(0))
-    assert printed.b[0] == 0.0
+    assert printed.belief.b[0] == 0.0

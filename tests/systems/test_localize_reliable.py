@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pfcli.core.grid.grid_map import GridMap
+from pfcli.core.sensor import class_conditional
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Pose2
 from pfcli.formats import map_yaml
@@ -18,14 +19,14 @@ from pfcli.registry import system
 from pfcli.replay import align
 from pfcli.replay.log import Log
 from pfcli.runs import loop
-from pfcli.systems.localize_reliable import first_particles as start
-from pfcli.systems.localize_reliable import global_sampler, success_decision
+from pfcli.systems.localize_reliable import first_particles, global_sampler, success_decision
 from pfcli.systems.localize_reliable.map_models import load, model_of, view_of
 from pfcli.systems.localize_reliable.misalignment import _posteriors, misaligned_share
 from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.protection_level import protection_level_m, radius_of, surface_variance
-from pfcli.systems.localize_reliable.run_tables import Records
+from pfcli.systems.localize_reliable.run_tables import RunTables
 from pfcli.systems.localize_reliable.success_decision import Classifier, View
+from pfcli.systems.localize_reliable.success_report import Judged
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
@@ -81,12 +82,11 @@ def learnt() -> tuple[Classifier, str]:
     from pfcli import registry
     from pfcli.params import build
     from pfcli.runs import loop
-    from pfcli.systems.localize_reliable import map_models as assets
 
     system = registry.system("localize-reliable")
     params = build(system.params, {}, "test")
-    place = assets.load(params, loop.Job(system, params, [], map=SAMPLES / "kidnapped.yaml"))
-    model = assets.model_of(params, 30.0)
+    place = load(params, loop.Job(system, params, [], map=SAMPLES / "kidnapped.yaml"))
+    model = model_of(params, 30.0)
     rng = np.random.default_rng(0)
     return success_decision.learn(place.free_xy, place.field, model, VIEW, rng, 800), place.digest
 
@@ -174,19 +174,19 @@ def test_what_is_learnt_of_a_map_is_kept_and_the_same_either_way(
     assets = load(Params(), job)
     sweep = next(iter(align.bare(Log(SAMPLES / "kidnapped.mcap").events(["scan"]))))
     model = model_of(Params(), 30.0)
-    learnt = start.classifier_for(sweep, model, assets, Params())
+    learnt = first_particles.classifier_for(sweep, model, assets, Params())
     (file,) = (tmp_path / "cache" / "classifiers").iterdir()
     with monkeypatch.context() as only_kept:
         only_kept.setattr(success_decision, "learn", None)
-        assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
+        assert _same(first_particles.classifier_for(sweep, model, assets, Params()), learnt)
     file.write_text("{")
-    assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
+    assert _same(first_particles.classifier_for(sweep, model, assets, Params()), learnt)
     assert _same(success_decision.load(file, assets.digest, view_of(sweep, Params())), learnt)
-    start.classifier_for(sweep, model._replace(sigma_m=0.1), assets, Params())
+    first_particles.classifier_for(sweep, model._replace(sigma_m=0.1), assets, Params())
     assert len(list(file.parent.iterdir())) == 2
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("PFCLI_CACHE_DIR", str(tmp_path / "file"))
-    assert _same(start.classifier_for(sweep, model, assets, Params()), learnt)
+    assert _same(first_particles.classifier_for(sweep, model, assets, Params()), learnt)
 
 
 def _same(a: Classifier, b: Classifier) -> bool:
@@ -213,14 +213,24 @@ def test_neither_a_larger_residual_nor_fewer_hits_speak_for_success(good_mae: fl
 
 
 def test_recoveries_are_told_by_lost_trust_or_by_a_jump() -> None:
-    records = Records(GridMap(np.zeros((9, 9), np.int8), 1.0, Pose2()), False)
-    nothing, last = np.empty((2, 0), np.float32), np.zeros(3)
+    tables = RunTables(GridMap(np.zeros((9, 9), np.int8), 1.0, Pose2()), False)
+    ends, last, nothing = np.empty((2, 1), np.float32), np.zeros(3), np.zeros(1)
+    fit = class_conditional.Fit(nothing, nothing, nothing, nothing)
     track = [(0.9, 0.0), (0.9, 0.0), (0.2, 0.0), (0.3, 0.0), (0.8, 4.0), (0.9, 4.0), (0.9, 8.0)]
     for k, (p, x) in enumerate(track):
         pose = np.array([x, 0.0, 0.0])
-        records.add(k * 10**9, pose, p, 0.1, np.zeros(1), nothing, last)
+        says = Judged(
+            p_success=p,
+            precision=1.0,
+            fit=fit,
+            p_unknown=nothing,
+            unknown=np.zeros(1, np.bool_),
+            away_m=nothing,
+            protection_m=0.1,
+        )
+        tables.add(k * 10**9, pose, says, ends, last)
         last = pose
-    first, second = records.recoveries()
+    first, second = tables.recoveries()
     assert (first["lost_s"], first["after_s"], first["moved_m"]) == (2.0, 2.0, 4.0)
     assert (second["lost_s"], second["after_s"]) == (5.0, 1.0)
 

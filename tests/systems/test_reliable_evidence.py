@@ -12,7 +12,7 @@ from pfcli.events import Scan as LaserScan
 from pfcli.params import build
 from pfcli.systems.localize_reliable import key_scans, match_proposal, scan_weights
 from pfcli.systems.localize_reliable.params import Params
-from pfcli.systems.localize_reliable.particle_set import Cloud
+from pfcli.systems.localize_reliable.particle_set import Particles
 
 MODEL = cc.Model(0.05, 0.98, 0.02, 0.5, 0.2, 20.0, 1.0, 0.15)
 TURN = np.linspace(-np.pi / 2, np.pi / 2, 61)
@@ -81,7 +81,7 @@ def test_rivals_gain_on_what_is_believed_by_what_is_new_only() -> None:
     believed = np.arange(30) < 20
     log_w = np.log(rng.dirichlet(np.ones(30)))
     log, all_of_it = rng.normal(0, 2, 30), rng.normal(0, 2, 30)
-    particles = Cloud(np.zeros((30, 3)), log_w, np.full(30, 0.5), believed)
+    particles = Particles(np.zeros((30, 3)), log_w, np.full(30, 0.5), believed)
 
     def mass(log_weights: np.ndarray, chosen: np.ndarray) -> float:
         return float(np.log(np.exp(log_weights[chosen]).sum()))
@@ -113,7 +113,7 @@ def test_particles_around_a_match_take_their_mass_from_those_they_join(field: cc
     true = np.array([2.6, 1.2, 0.4])
     believed = np.arange(500) < 400
     pose = np.where(believed[:, None], true, [6.0, 4.5, 2.0]) + rng.normal(0, [0.05, 0.05, 0.02], (500, 3))
-    particles = Cloud(pose, np.full(500, -np.log(500)), np.full(500, 0.8), believed)
+    particles = Particles(pose, np.full(500, -np.log(500)), np.full(500, 0.8), believed)
     params = build(Params, {"match_samples": 4000}, "test")
     assets = SimpleNamespace(field=field)
     key = _key(field, true)

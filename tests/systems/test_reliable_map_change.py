@@ -13,7 +13,7 @@ from pfcli.registry import filter_of, system
 from pfcli.replay.log import Log
 from pfcli.runs import loop
 from pfcli.systems.localize_reliable import map_change, trust_record
-from pfcli.systems.localize_reliable.map_change import Gone
+from pfcli.systems.localize_reliable.map_change import MapChanges
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 POSE = np.array([2.0, 2.5, 0.0])
@@ -99,7 +99,7 @@ def test_what_a_place_that_is_not_trusted_contradicts_is_kept_against_it(field: 
 
 def test_the_share_of_beams_beyond_is_a_mean_over_the_way() -> None:
     rng = np.random.default_rng(3)
-    seen, steps, state = rng.random(200), rng.uniform(0.0, 0.3, 200), Gone(map_change.NOTHING.found, 0.0)
+    seen, steps, state = rng.random(200), rng.uniform(0.0, 0.3, 200), MapChanges(map_change.NOTHING.found, 0.0)
     slow = 0.0
     for share, step in zip(seen, steps, strict=True):
         crossings = np.full((1000, 2), np.nan)

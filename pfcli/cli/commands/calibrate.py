@@ -55,7 +55,7 @@ def calibrate(
     first = next(iter(align.bare(opened.events(["scan"]))), None)
     if first is None:
         raise LogError(f"{log}: holds no scan that can be read")
-    if map_models.scan_of(first, params)[0].range_m.size == 0:
+    if map_models.usable_scan(first, params) is None:
         raise LogError(f"{log}: its first scan has no usable beam (see max_range_m)")
     place = map_models.load(params, loop.Job(registry.system("localize-reliable"), params, [log], map=map_file))
     view = map_models.view_of(first, params)

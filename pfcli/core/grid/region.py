@@ -59,13 +59,13 @@ def region_of(
     frame = grid_frame(resolution_m, origin)
     free = np.argwhere(standable)
     return Region(
-        np.ascontiguousarray(place[1:-1, 1:-1]),
-        np.minimum(distance_m(padded == 1, 1.0), 255.0).astype(np.uint8)[1:-1, 1:-1].copy(),
-        frame,
-        resolution_m,
-        _centres(free[:, 0] - 1, free[:, 1] - 1, resolution_m, origin),
-        _centres(rows - 1, cols - 1, resolution_m, origin),
-        away[rows, cols],
+        place=np.ascontiguousarray(place[1:-1, 1:-1]),
+        to_wall=np.minimum(distance_m(padded == 1, 1.0), 255.0).astype(np.uint8)[1:-1, 1:-1].copy(),
+        frame=frame,
+        resolution_m=resolution_m,
+        free_xy=_centres(free[:, 0] - 1, free[:, 1] - 1, resolution_m, origin),
+        edge_xy=_centres(rows - 1, cols - 1, resolution_m, origin),
+        edge_m=away[rows, cols],
     )
 
 

@@ -102,7 +102,15 @@ def build(
         table = table._replace(ranges=np.full((1, _COARSE_BINS), UNKNOWN, np.uint16))
     rows, cols = away.shape
     rays = rays_of(cells, resolution_m, origin, range_m)
-    return Field(away.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]), table, rays)
+    return Field(
+        away=away.ravel(),
+        rows=rows,
+        cols=cols,
+        frame=grid_frame(resolution_m, origin, 1),
+        yaw_rad=float(origin[2]),
+        table=table,
+        rays=rays,
+    )
 
 
 def _coarser(cells: NDArray[np.int8], by: int) -> NDArray[np.int8]:

@@ -79,7 +79,14 @@ def build(
         table[level, 1:-1, 1:-1] = value
     _, rows, cols = table.shape
     top = log_ratio(np.zeros(LEVELS), model, np.arange(LEVELS, dtype=np.int32))
-    return Field(table.ravel(), rows, cols, grid_frame(resolution_m, origin, 1), float(origin[2]), top)
+    return Field(
+        table=table.ravel(),
+        rows=rows,
+        cols=cols,
+        frame=grid_frame(resolution_m, origin, 1),
+        yaw_rad=float(origin[2]),
+        top=top,
+    )
 
 
 def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) -> NDArray[np.int32]:

@@ -85,9 +85,8 @@ def gaussian(sigma_m: float) -> Model:
     step_m = sigma_m / 4
     d = step_m * (np.arange(STEPS) - STEPS // 2)
     worst = -0.5 * 32.0**2
-    return Model(
-        np.r_[-0.5 * (d / sigma_m) ** 2, 0.0, worst, 0.0, worst].astype(np.float32), step_m, 1.0, worst, 0.0, 1
-    )
+    score = np.r_[-0.5 * (d / sigma_m) ** 2, 0.0, worst, 0.0, worst].astype(np.float32)
+    return Model(score=score, step_m=step_m, gain=1.0, missed=worst, wall_m=0.0, widths=1)
 
 
 def mixture(sigma_m: float, shares: Shares, reach_m: float, gain: float, wall_m: float = 0.0) -> Model:
@@ -101,7 +100,7 @@ def mixture(sigma_m: float, shares: Shares, reach_m: float, gain: float, wall_m:
     nothing = np.maximum([1.0 - shares.short - rest, shares.none], 1e-3) / _NONE_ANYWHERE
     special = [0.0, np.log(shares.short + rest), *np.log(nothing)]
     table = np.r_[score.ravel(), special].astype(np.float32)
-    return Model(table, step_m, gain, float(score.min()), wall_m, WIDTHS)
+    return Model(score=table, step_m=step_m, gain=gain, missed=float(score.min()), wall_m=wall_m, widths=WIDTHS)
 
 
 @inline_kernel
@@ -241,7 +240,12 @@ class Rays(NamedTuple):
 def rays_of(cells: NDArray[np.int8], resolution_m: float, origin: tuple[float, float, float], range_m: float) -> Rays:
     """A map made ready for rays. cells: int8 (rows, cols), 1 occupied, 0 free, -1 unknown."""
     return Rays(
-        clearance(cells), cells, nearest_free(cells), range_m, grid_frame(resolution_m, origin), float(origin[2])
+        room=clearance(cells),
+        cells=cells,
+        near=nearest_free(cells),
+        range_m=range_m,
+        frame=grid_frame(resolution_m, origin),
+        yaw_rad=float(origin[2]),
     )
 
 

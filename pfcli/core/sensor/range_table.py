@@ -91,7 +91,15 @@ def over(
     rows, cols = np.nonzero(cells == 0)
     centre = np.column_stack([cols + 0.5, rows + 0.5]).astype(np.float32)
     frame = grid_frame(resolution_m, origin)
-    return RangeTable(ranges, row, centre, range_m / _TOP, range_m, frame, float(origin[2]))
+    return RangeTable(
+        ranges=ranges,
+        row=row,
+        centre=centre,
+        unit_m=range_m / _TOP,
+        range_m=range_m,
+        frame=frame,
+        yaw_rad=float(origin[2]),
+    )
 
 
 def rows_around(table: RangeTable, xy: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -10,26 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate
-from pfcli.core.grid import raycast
-from pfcli.core.grid.region import region_of
 from pfcli.core.motion.odometry import predict
-from pfcli.core.resample import multinomial, systematic
-from pfcli.core.sensor import range_beams, range_table
+from pfcli.core.sensor import range_beams
 from pfcli.core.sensor.range_beams import Beams, Model
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.errors import LogError, UsageError
 from pfcli.events import Sounding, Sweep
-from pfcli.formats import map_yaml, range_table_file
 from pfcli.initial import Initial
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_lookup import smc_start
+from pfcli.systems.localize_lookup.expected_ranges import Assets, evidence, load
 from pfcli.systems.localize_lookup.params import Params
-from pfcli.systems.localize_lookup.reading_beams import Assets, beams_of, evidence, model_of
-from pfcli.systems.shared.contract import Filter, Job, Result
-from pfcli.systems.shared.frame_keeper import FrameKeeper
-from pfcli.systems.shared.motion_gate import step_noise, step_since
-from pfcli.systems.shared.start_cells import start_cells
-from pfcli.systems.shared.track_keeper import TrackKeeper
+from pfcli.systems.localize_lookup.reading_beams import beams_of, ends_of, model_of
+from pfcli.systems.shared import resampling
+from pfcli.systems.shared.contract import Filter, Result
+from pfcli.systems.shared.motion_gate import step_noise, update_of
+from pfcli.systems.shared.run_record import RunRecord
 
 _MODE_M, _MODE_RAD = 0.75, 0.5
 _CERTAIN, _CERTAIN_M = 0.8, 0.3
@@ -63,77 +58,45 @@ class State(NamedTuple):
     odometry: NDArray[np.float64]
     way_m: float
     fit: float
-    track: TrackKeeper
-    frames: FrameKeeper
+    record: RunRecord
     certain_ns: list[int]
     looks: list[int]
 
 
-def load(params: Params, job: Job) -> Assets:
-    """Read the map and its table. Raises LogError where nobody could stand in it, UsageError for a start outside or shares of
-    beams that are more than all."""
-    if params.z_hit + params.z_short + params.z_none >= 1.0:
-        raise UsageError("--z-hit, --z-short and --z-none must leave something of 1 for beams that read anything")
-    grid = map_yaml.read(job.map_file, job.max_map_mpx)
-    region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
-    if region.free_xy.size == 0:
-        raise LogError(f"{job.map_file}: has no free cells")
-    if not (grid.cells == 1).any():
-        raise LogError(f"{job.map_file}: has no occupied cells, so no range can be expected of it")
-    initial: Initial = job.initial
-    if initial.kind == "outside":
-        raise UsageError("--initial outside: localize-lookup knows no outside; localize-partial does")
-    seen = grid._replace(cells=raycast.unveiled(grid.cells, grid.resolution_m, params.veil_m))
-    rays = range_beams.rays_of(seen.cells, grid.resolution_m, grid.origin, params.table_range_m)
-    table, source = None, "rays"
-    needed = range_table.bytes_of(seen.cells, params.bins) / 2**20
-    if params.ranges == "table" and needed > params.table_budget_mib:
-        source = f"rays: the table would take {needed:.0f} MiB, more than --table-budget-mib"
-    elif params.ranges == "table":
-        loaded = range_table_file.load(seen, params.bins, params.table_range_m)
-        table, source = loaded.table, f"table, {loaded.origin}"
-    return Assets(
-        grid,
-        start_cells(region, initial, job.map_file),
-        region.free_xy,
-        rays,
-        table,
-        initial,
-        source,
-        raycast.wall_thickness_m(grid.cells, grid.resolution_m),
-    )
-
-
 def init(params: Params, assets: Assets, first: Sweep | Sounding, draw: Draw) -> State:
     """Nothing is known before the first usable reading."""
-    nothing = np.empty((0, 3))
-    return State(nothing, np.empty(0), np.array([first.odometry]), 0.0, 1.0, TrackKeeper(), FrameKeeper(), [], [])
+    return State(
+        pose=np.empty((0, 3)),
+        log_w=np.empty(0),
+        odometry=np.array([first.odometry]),
+        way_m=0.0,
+        fit=1.0,
+        record=RunRecord(),
+        certain_ns=[],
+        looks=[],
+    )
 
 
 def step(
     state: State, reading: Sweep | Sounding, assets: Assets, params: Params, draw: Draw
 ) -> tuple[State, Info | None]:
     """Every reading is recorded; one that has moved far enough updates the filter."""
-    state.track.see(reading)
-    first = state.pose.shape[0] == 0
-    now, moved, way, far = step_since(state.odometry, reading.odometry, params)
-    if not (first or far):
+    update = update_of(state.record, state.odometry, reading, params, beams_of)
+    if update is None:
         return state, None
-    beams = beams_of(reading, params)
-    if beams.turn.size == 0:
-        return state, None
-    if first:
-        pose, log_w, _ = smc_start.scatter(beams, assets, params, draw(Purpose.INIT, reading.stamp_ns))
+    beams, moved = update.used, update.step.moved
+    if update.first:
+        pose, log_w, _ = smc_start.scatter(beams, assets, params, draw(Purpose.INIT, reading.stamp_ns))  # eq. (12)
         state = state._replace(pose=pose, log_w=log_w)
     else:
         z = draw(Purpose.MOTION, reading.stamp_ns).standard_normal(state.pose.shape)
-        pose = predict(state.pose, moved, step_noise(moved, params), z)
+        pose = predict(state.pose, moved, step_noise(moved, params), z)  # eq. (10)
         model = model_of(params, beams, assets, params.sigma_hit_m)
-        state = state._replace(pose=pose, log_w=state.log_w + evidence(pose, beams, assets, model))
+        state = state._replace(pose=pose, log_w=state.log_w + evidence(pose, beams, assets, model))  # eq. (13)
         if params.variant == "corrected" and params.lost_share > 0.0:
             state = _look_around_if_lost(state, reading.stamp_ns, beams, model, assets, params, draw)
-    state = state._replace(odometry=now, way_m=state.way_m + way)
-    return _conclude(state, reading, beams, assets, params, draw)
+    state = state._replace(odometry=update.step.now, way_m=state.way_m + update.step.way_m)
+    return _conclude(state, reading.stamp_ns, beams, assets, params, draw)
 
 
 def _look_around_if_lost(
@@ -159,7 +122,7 @@ def _look_around_if_lost(
 
 
 def _conclude(
-    state: State, reading: Sweep | Sounding, beams: Beams, assets: Assets, params: Params, draw: Draw
+    state: State, stamp_ns: int, beams: Beams, assets: Assets, params: Params, draw: Draw
 ) -> tuple[State, Info]:
     """Report, then resample."""
     pose = state.pose
@@ -167,49 +130,34 @@ def _conclude(
     found = estimate.densest(pose, weights, _MODE_M, _MODE_RAD)
     if params.variant == "paper":
         found = found._replace(pose=pose[int(np.argmax(weights))].copy())
-    sd_m, sd_yaw = float(np.sqrt(found.cov[0, 0] + found.cov[1, 1])), float(np.sqrt(found.cov[2, 2]))
-    state.track.update(found.pose, found.cov)
-    if found.mass >= _CERTAIN and sd_m <= _CERTAIN_M:
-        state.certain_ns.append(reading.stamp_ns)
+    state.record.report(found, pose[np.argsort(-weights, kind="stable")], ends_of(beams))
+    if found.mass >= _CERTAIN and found.sd_m <= _CERTAIN_M:
+        state.certain_ns.append(stamp_ns)
     n_eff = float(effective_sample_size(weights))
-    crowded = pose.shape[0] > params.particles
-    resample = params.variant == "paper" or crowded or n_eff < params.resample_threshold * pose.shape[0]
-    state.frames.offer(reading.stamp_ns, found.pose, pose[np.argsort(-weights, kind="stable")], _ends(beams))
+    chosen = resampling.chosen(weights, n_eff, params, draw, stamp_ns)
     info = Info(
-        t_ns=reading.stamp_ns,
+        t_ns=stamp_ns,
         best_log_w=float(state.log_w.max()),
         mode_share=found.mass,
         modes=estimate.modes(pose, weights, _MODE_M, _MODE_RAD),
-        sd_m=sd_m,
-        sd_yaw_rad=sd_yaw,
+        sd_m=found.sd_m,
+        sd_yaw_rad=found.sd_yaw_rad,
         n_eff=n_eff,
         missed=range_beams.misses(pose, beams, assets.rays),
         log_evidence=log_evidence,
-        resampled=bool(resample),
+        resampled=chosen is not None,
         way_m=state.way_m,
         beams=beams.turn.size,
     )
-    if not resample:
+    if chosen is None:
         return state._replace(log_w=state.log_w - log_evidence), info
-    rng = draw(Purpose.RESAMPLE, reading.stamp_ns)
-    if params.variant == "paper":
-        chosen = multinomial.ancestors(weights, rng.random(params.particles))
-    else:
-        chosen = systematic.choose(weights, rng.random(), params.particles)
     n = chosen.size
     return state._replace(pose=pose[chosen], log_w=np.full(n, -np.log(n))), info
 
 
-def _ends(beams: Beams) -> NDArray[np.float32]:
-    """End points (b, 2) of the beams that returned, base frame."""
-    origin = np.repeat(beams.mounts[:, :2], np.diff(beams.start), axis=0)
-    back = np.isfinite(beams.range_m)
-    return np.asarray((origin + (beams.range_m * beams.unit).T)[back], np.float32)
-
-
 def finish(state: State, assets: Assets, params: Params) -> Result:
     """Track, and since when the filter was certain."""
-    track = state.track.track({})
+    track = state.record.poses()
     since = (state.certain_ns[0] - int(track.stamps_ns[0])) * 1e-9 if state.certain_ns else None
     summary = {
         "updates": int(track.columns["update"].sum()),
@@ -218,7 +166,7 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         "looks_around": len(state.looks),
         "particles": int(state.pose.shape[0]),
     }
-    return Result(track, assets.grid, state.frames.frames(), summary, given_frame=True)
+    return Result(track=track, grid=assets.grid, frames=state.record.frames(), summary=summary, given_frame=True)
 
 
 FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

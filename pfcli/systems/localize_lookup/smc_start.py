@@ -13,8 +13,9 @@ from pfcli.core.resample import systematic
 from pfcli.core.sensor import heading_match
 from pfcli.core.sensor.range_beams import Beams, Model
 from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.systems.localize_lookup.expected_ranges import Assets, evidence, expected_m
 from pfcli.systems.localize_lookup.params import Params
-from pfcli.systems.localize_lookup.reading_beams import Assets, evidence, expected_m, model_of
+from pfcli.systems.localize_lookup.reading_beams import model_of
 
 _MOST, _CHUNK, _FEW_BEAMS = 2_000_000, 4096, 12
 _HALF_MODE_RAD = 0.15

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
-from pfcli.systems.localize_partial.class_belief import Assets, Reading
+from pfcli.systems.localize_partial.class_belief import Reading
+from pfcli.systems.localize_partial.incomplete_map import Assets
 from pfcli.systems.localize_partial.params import Params
 
 _MOST_LOG = 700.0

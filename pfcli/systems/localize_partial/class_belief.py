@@ -1,28 +1,10 @@
-"""The belief over six states, what it is judged against, and how far a step reaches."""
+"""The belief over six states, and what an update of it is given."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from pfcli.core.grid.grid_map import GridMap
-from pfcli.core.grid.region import Region
-from pfcli.core.sensor import likelihood_field
-from pfcli.initial import Initial
-
-MIN_BAND_CELLS = 1.5
-"""The band at a frontier is at least so wide, however short the step."""
-
-
-class Assets(NamedTuple):
-    """The map, its region, its likelihood field, and where to start."""
-
-    grid: GridMap
-    region: Region
-    field: likelihood_field.Field
-    initial: Initial
-    start_xy: NDArray[np.float64]
 
 
 class Belief(NamedTuple):
@@ -47,12 +29,6 @@ def in_the_map(label: NDArray[np.uint8]) -> NDArray[np.bool_]:
 def share_in_map(b: NDArray[np.float64]) -> NDArray[np.float64]:
     """(...,) probability of being in the map, of class probabilities (..., 7)."""
     return np.asarray(b[..., 0] + b[..., 2] + b[..., 3] + b[..., 6])
-
-
-def band_count(region: Region, moved: NDArray[np.float64], sd: NDArray[np.float64]) -> int:
-    """How many of the cells near a frontier lie within one step of it, noise included."""
-    reach = max(np.hypot(moved[0], moved[1]) + 2 * sd[0], MIN_BAND_CELLS * region.resolution_m)
-    return int(np.searchsorted(region.edge_m, reach, side="right"))
 
 
 class Past(NamedTuple):

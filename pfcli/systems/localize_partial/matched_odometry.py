@@ -18,7 +18,9 @@ from pfcli.systems.shared.motion_gate import noise_of
 
 _MATCHER = Matcher(map_normals=True, tangent=0.0)
 """Along a plain wall a scan says nothing: what pulls there is where the local map happens to end."""
-_WINDOW = Window(0.3, 0.35, 0.15, 0.035, 0.12, 50, 0.005)
+_WINDOW = Window(
+    half_xy_m=0.3, half_yaw_rad=0.35, step_xy_m=0.15, step_yaw_rad=0.035, sigma_m=0.12, beams=50, gain=0.005
+)
 CELL_M = 0.05
 """Side of a cell of the local map."""
 _DRAW_INLIERS = 0.5

@@ -15,7 +15,8 @@ from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import annealed_sampler, cluster_kernels
-from pfcli.systems.localize_partial.class_belief import Assets, Reading, band_count
+from pfcli.systems.localize_partial.class_belief import Reading
+from pfcli.systems.localize_partial.incomplete_map import Assets, band_count
 from pfcli.systems.localize_partial.params import Params
 from pfcli.systems.shared.motion_gate import step_noise
 

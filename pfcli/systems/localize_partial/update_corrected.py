@@ -12,7 +12,8 @@ from pfcli.core.sensor import likelihood_field
 from pfcli.core.weights import effective_sample_size
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import annealed_sampler, cluster_kernels
-from pfcli.systems.localize_partial.class_belief import Assets, Belief, Reading, in_the_map
+from pfcli.systems.localize_partial.class_belief import Belief, Reading, in_the_map
+from pfcli.systems.localize_partial.incomplete_map import Assets
 from pfcli.systems.localize_partial.params import Params
 from pfcli.systems.localize_partial.relocalise import (
     BLIND,
@@ -70,7 +71,16 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
     weight = weight / total
     b = cluster_kernels.masses(label, weight)
     b[:2] = unplaced / total
-    return Belief(pose, label, weight, b, transition, log_evidence, n_eff, credit)
+    return Belief(
+        pose=pose,
+        label=label,
+        weight=weight,
+        b=b,
+        transition=transition,
+        log_evidence=log_evidence,
+        n_eff=n_eff,
+        credit=credit,
+    )
 
 
 def _log_ratios(

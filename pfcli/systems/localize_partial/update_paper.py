@@ -13,7 +13,8 @@ from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import cluster_kernels
-from pfcli.systems.localize_partial.class_belief import Assets, Belief, Reading, band_count
+from pfcli.systems.localize_partial.class_belief import Belief, Reading
+from pfcli.systems.localize_partial.incomplete_map import Assets, band_count
 from pfcli.systems.localize_partial.params import Params
 from pfcli.systems.shared.motion_gate import step_noise
 

@@ -1,4 +1,4 @@
-"""What the map shows and the robot finds gone: doors that stand open now, furniture that was moved.
+"""What the map shows and the robot finds changes: doors that stand open now, furniture that was moved.
 
 A beam that reads far beyond a mapped surface speaks against the place, and through an opened door scan after scan does so:
 one change of the map, not many errors of the pose. Once the believed place has been trusted for some metres, what it found
@@ -30,7 +30,7 @@ _LEFT = 5
 """Beams that a scan keeps, at the least."""
 
 
-class Gone(NamedTuple):
+class MapChanges(NamedTuple):
     """found: (m, 3) place (m) in the map that was found gone, and the way driven when it was; share: of the beams that read far
     beyond a surface, over the last metres."""
 
@@ -38,17 +38,17 @@ class Gone(NamedTuple):
     share: float
 
 
-NOTHING = Gone(np.empty((0, 3)), 0.0)
+NOTHING = MapChanges(np.empty((0, 3)), 0.0)
 
 
-def forgotten(gone: Gone) -> Gone:
+def forgotten(changes: MapChanges) -> MapChanges:
     """The robot believes in another place, or was carried: what this one found gone says nothing there."""
-    return gone._replace(found=NOTHING.found)
+    return changes._replace(found=NOTHING.found)
 
 
-def map_holds(gone: Gone) -> bool:
+def map_holds(changes: MapChanges) -> bool:
     """Whether no more of what was in view over the last metres is gone than a place that is a little off makes of a good map."""
-    return gone.share <= _MOST
+    return changes.share <= _MOST
 
 
 def crossed(pose: NDArray[np.float64], scan: Scan, field: Field) -> NDArray[np.float64]:
@@ -62,26 +62,28 @@ def crossed(pose: NDArray[np.float64], scan: Scan, field: Field) -> NDArray[np.f
     return np.column_stack([x + met * np.cos(angle), y + met * np.sin(angle)])
 
 
-def counted(scan: Scan, crossings: NDArray[np.float64], gone: Gone, way_m: float) -> Scan:
+def counted(scan: Scan, crossings: NDArray[np.float64], changes: MapChanges, way_m: float) -> Scan:
     """The beams that are evidence: all but those through what was found gone a while ago. The scan itself where none is."""
-    old = gone.found[gone.found[:, 2] <= way_m - _COUNTS_M, :2]
+    old = changes.found[changes.found[:, 2] <= way_m - _COUNTS_M, :2]
     stale = _near(crossings, old, _NEAR_M)
     if not stale.any() or stale.size - stale.sum() < _LEFT:
         return scan
     return Scan(np.ascontiguousarray(scan.ends[:, ~stale]), scan.range_m[~stale], scan.turn[~stale], scan.sensor)
 
 
-def noted(gone: Gone, crossings: NDArray[np.float64], way_m: float, step_m: float, trusted: bool) -> Gone:
+def noted(
+    changes: MapChanges, crossings: NDArray[np.float64], way_m: float, step_m: float, trusted: bool
+) -> MapChanges:
     """After a scan, a step of step_m. trusted: whether what contradicts the place is taken for a change of the map."""
     gain = 1.0 - math.exp(-max(step_m, _STEP_M) / _MEAN_M)
     beyond = crossings[np.isfinite(crossings[:, 0])]
-    share = gone.share + gain * (beyond.shape[0] / crossings.shape[0] - gone.share)
+    share = changes.share + gain * (beyond.shape[0] / crossings.shape[0] - changes.share)
     if not trusted or beyond.shape[0] == 0:
-        return gone._replace(share=share)
-    kept = gone.found[gone.found[:, 2] > way_m - _KEPT_M]
+        return changes._replace(share=share)
+    kept = changes.found[changes.found[:, 2] > way_m - _KEPT_M]
     fresh = beyond[~_near(beyond, kept[:, :2], _PIECE_M)]
     fresh = np.unique(np.round(fresh / _PIECE_M), axis=0) * _PIECE_M
-    return Gone(np.vstack([kept, np.column_stack([fresh, np.full(fresh.shape[0], way_m)])]), share)
+    return MapChanges(np.vstack([kept, np.column_stack([fresh, np.full(fresh.shape[0], way_m)])]), share)
 
 
 def _near(points: NDArray[np.float64], places: NDArray[np.float64], within_m: float) -> NDArray[np.bool_]:

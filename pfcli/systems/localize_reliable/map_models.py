@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from pfcli.core.grid.free_space import Features, features_of
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.grid.region import region_of
-from pfcli.core.grid.scan_points import points_of
 from pfcli.core.sensor import class_conditional
 from pfcli.core.sensor.class_conditional import Field, Model, Scan
 from pfcli.errors import LogError, UsageError
@@ -19,6 +18,7 @@ from pfcli.systems.localize_reliable.params import Params
 from pfcli.systems.localize_reliable.success_decision import View
 from pfcli.systems.shared.contract import Job
 from pfcli.systems.shared.start_cells import start_cells
+from pfcli.systems.shared.usable_points import usable_points
 
 _HIT_SIGMAS = 3.0
 
@@ -52,7 +52,15 @@ def load(params: Params, job: Job) -> Assets:
     flat = grid._replace(origin=grid.origin._replace(yaw_rad=0.0))
     features = features_of(flat.cells != 0, flat.cells == 0, flat.resolution_m, flat.origin[:2])
     cells = start_cells(region, job.initial, job.map_file)
-    return Assets(grid, field, _turned(features, grid), cells, region.free_xy, job.initial, map_yaml.digest(grid))
+    return Assets(
+        grid=grid,
+        field=field,
+        features=_turned(features, grid),
+        start_xy=cells,
+        free_xy=region.free_xy,
+        initial=job.initial,
+        digest=map_yaml.digest(grid),
+    )
 
 
 def _turned(features: Features, grid: GridMap) -> Features:
@@ -70,15 +78,15 @@ def _turned(features: Features, grid: GridMap) -> Features:
 def model_of(params: Params, range_m: float) -> Model:
     """The measurement model for a scanner of this range."""
     return Model(
-        params.sigma_hit_m,
-        params.z_hit,
-        params.z_rand,
-        params.known_prior,
-        params.unknown_rate_per_m,
-        range_m,
-        params.mae_top_m,
-        _HIT_SIGMAS * params.sigma_hit_m,
-        params.range_model == "beam",
+        sigma_m=params.sigma_hit_m,
+        z_hit=params.z_hit,
+        z_rand=params.z_rand,
+        known=params.known_prior,
+        rate_per_m=params.unknown_rate_per_m,
+        range_m=range_m,
+        mae_top_m=params.mae_top_m,
+        hit_m=_HIT_SIGMAS * params.sigma_hit_m,
+        by_rays=params.range_model == "beam",
     )
 
 
@@ -92,15 +100,21 @@ def reach_m(sweep: Sweep, params: Params) -> float:
     return float(min(params.max_range_m or sweep.scan.range_max_m, 100.0))
 
 
-def scan_of(sweep: Sweep, params: Params) -> tuple[Scan, NDArray[np.float64]]:
-    """The beams for the filter, and all end points (b, 2) for the global localiser."""
-    scan = sweep.scan
-    angles = (scan.angle_min_rad, scan.angle_increment_rad)
-    limits = (scan.range_min_m, params.max_range_m or scan.range_max_m)
-    points = points_of(scan.ranges_m, angles, limits, scan.mount, 1, 0.0, 1.0).ends
-    sensor = np.array(scan.mount[:2], np.float64)
+class Usable(NamedTuple):
+    """The beams that the filter uses, and all end points (b, 2) of the scan in the base frame (m)."""
+
+    scan: Scan
+    points: NDArray[np.float64]
+
+
+def usable_scan(sweep: Sweep, params: Params) -> Usable | None:
+    """The beams for the filter, and all end points for the global localiser; None where no beam returned."""
+    found = usable_points(sweep, params)
+    if found is None:
+        return None
+    points, sensor = found.ends, np.array(sweep.scan.mount[:2], np.float64)
     chosen = points[:: max(1, -(-points.shape[0] // params.beams))]
-    return class_conditional.scan_of(chosen, sensor), points
+    return Usable(class_conditional.scan_of(chosen, sensor), points)
 
 
 def view_of(sweep: Sweep, params: Params) -> View:

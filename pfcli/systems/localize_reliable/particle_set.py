@@ -13,7 +13,7 @@ MODE_M, MODE_RAD = 0.75, 0.5
 """Poses within this of each other are one hypothesis."""
 
 
-class Cloud(NamedTuple):
+class Particles(NamedTuple):
     """pose (n, 3), log weight (n,) and p(success) (n,) of each particle; believed (n,): of the hypothesis that was
     reported last."""
 
@@ -23,42 +23,42 @@ class Cloud(NamedTuple):
     believed: NDArray[np.bool_]
 
 
-def begun(pose: NDArray[np.float64]) -> Cloud:
+def begun(pose: NDArray[np.float64]) -> Particles:
     """Particles at poses (n, 3): nothing speaks for or against them yet."""
     n = pose.shape[0]
-    return Cloud(pose, np.full(n, -np.log(n)), np.full(n, 0.5), np.ones(n, np.bool_))
+    return Particles(pose, np.full(n, -np.log(n)), np.full(n, 0.5), np.ones(n, np.bool_))
 
 
 def predicted(
-    cloud: Cloud,
+    particles: Particles,
     moved: NDArray[np.float64],
     sd: NDArray[np.float64],
     decay: tuple[float, float],
     rng: np.random.Generator,
-) -> Cloud:
+) -> Particles:
     """Motion of the particles and decay of their reliabilities; failure never becomes success by moving.
 
     moved, sd: (3,) step and its standard deviations (m, m, rad); decay: 1/m^2 and 1/rad^2.
     """
-    pose = predict(cloud.pose, moved, sd, rng.standard_normal(cloud.pose.shape))
+    pose = predict(particles.pose, moved, sd, rng.standard_normal(particles.pose.shape))
     d2, a2 = moved[0] ** 2 + moved[1] ** 2, moved[2] ** 2
     left = max(0.0, 1.0 - decay[0] * d2 - decay[1] * a2)
-    return cloud._replace(pose=pose, reliability=cloud.reliability * left)
+    return particles._replace(pose=pose, reliability=particles.reliability * left)
 
 
-def joined(cloud: Cloud, more: Cloud) -> Cloud:
+def joined(particles: Particles, more: Particles) -> Particles:
     """The particles and more of them, weights on one scale."""
-    return Cloud(*(np.concatenate(pair) for pair in zip(cloud, more, strict=True)))
+    return Particles(*(np.concatenate(pair) for pair in zip(particles, more, strict=True)))
 
 
 def resampled(
-    cloud: Cloud,
+    particles: Particles,
     weights: NDArray[np.float64],
     inside: NDArray[np.bool_],
     wanted: int,
     rivals: int,
     u: NDArray[np.float64],
-) -> Cloud:
+) -> Particles:
     """The hypothesis that is believed, `inside` (n,), and its rivals, each on its own: a rival keeps its weight, however
     small, so that the evidence for it adds up from scan to scan instead of being resampled away."""
     chosen, log_w, believed = [], [], []
@@ -73,4 +73,4 @@ def resampled(
     index = np.concatenate(chosen)
     together = np.concatenate(log_w)
     together -= normalize(together)[1]
-    return Cloud(cloud.pose[index], together, cloud.reliability[index], np.concatenate(believed))
+    return Particles(particles.pose[index], together, particles.reliability[index], np.concatenate(believed))

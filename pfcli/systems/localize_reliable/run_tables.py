@@ -9,11 +9,12 @@ from pfcli.core.geometry import compose
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.rows import Rows
 from pfcli.systems.localize_reliable.particle_set import MODE_M
+from pfcli.systems.localize_reliable.success_report import Judged
 
 _TRUSTED, _SEEN_TWICE = 0.9, 2
 
 
-class Records:
+class RunTables:
     """Collects per update; memory grows with the updates only, and with the beams where they are asked for."""
 
     def __init__(self, grid: GridMap, keep_beams: bool) -> None:
@@ -35,21 +36,19 @@ class Records:
         self,
         stamp_ns: int,
         pose: NDArray[np.float64],
-        p_success: float,
-        protection_m: float,
-        p_unknown: NDArray[np.float64],
-        unknown_ends: NDArray[np.float32],
+        says: Judged,
+        ends: NDArray[np.float32],
         predicted: NDArray[np.float64],
     ) -> None:
-        """One update; unknown_ends: (2, u) end points in the base frame of the beams called unknown; predicted: (3,) where
-        odometry expected the pose."""
+        """One update; ends: (2, b) end points of the beams (m, base frame); predicted: (3,) where odometry expected the pose."""
         self._jumps_m.append(float(np.hypot(*(pose - predicted)[:2])))
         self._stamps_ns.append(stamp_ns)
-        self._p_success.append(p_success)
-        self._protection.append(protection_m)
+        self._p_success.append(says.p_success)
+        self._protection.append(says.protection_m)
         if self._keep_beams:
-            self._beams.append(p_unknown.astype(np.float32))
-        if p_success < _TRUSTED or unknown_ends.shape[1] == 0:
+            self._beams.append(says.p_unknown.astype(np.float32))
+        unknown_ends = ends[:, says.unknown]
+        if says.p_success < _TRUSTED or unknown_ends.shape[1] == 0:
             return
         at = compose(pose[None], np.column_stack([unknown_ends.T.astype(np.float64), np.zeros(unknown_ends.shape[1])]))
         x, y, yaw = self._grid.origin

@@ -14,7 +14,7 @@ from pfcli.systems.localize_reliable import global_sampler, key_scans, match_pro
 from pfcli.systems.localize_reliable.key_scans import KeyScan
 from pfcli.systems.localize_reliable.map_models import Assets
 from pfcli.systems.localize_reliable.params import Params
-from pfcli.systems.localize_reliable.particle_set import MODE_M, MODE_RAD, Cloud, joined
+from pfcli.systems.localize_reliable.particle_set import MODE_M, MODE_RAD, Particles, joined
 from pfcli.systems.localize_reliable.success_decision import Classifier
 
 
@@ -33,23 +33,25 @@ class Reading(NamedTuple):
 
 
 def by_scan(
-    cloud: Cloud, reading: Reading, learnt: Classifier | None, assets: Assets, params: Params, draw: Draw
-) -> tuple[Cloud, int]:
+    particles: Particles, reading: Reading, learnt: Classifier | None, assets: Assets, params: Params, draw: Draw
+) -> tuple[Particles, int]:
     """The particles, and where they are due the global samples, after the scan; how many key points matched. The samples are
-    the last of the cloud."""
-    tracked, matches = cloud, 0
+    the last of the particles."""
+    tracked, matches = particles, 0
     if params.match_samples:
-        cloud = matched(cloud, reading, assets, params, draw(Purpose.PROPOSAL, reading.stamp_ns))
+        particles = matched(particles, reading, assets, params, draw(Purpose.PROPOSAL, reading.stamp_ns))
     if reading.due:
-        cloud, matches = sampled(cloud, tracked, reading, assets, params, draw(Purpose.INJECT, reading.stamp_ns))
-    fit = class_conditional.fit(cloud.pose, reading.scan, assets.field, reading.model)
+        particles, matches = sampled(
+            particles, tracked, reading, assets, params, draw(Purpose.INJECT, reading.stamp_ns)
+        )
+    fit = class_conditional.fit(particles.pose, reading.scan, assets.field, reading.model)
     rest = fit
     if reading.counted is not reading.scan:
-        rest = class_conditional.fit(cloud.pose, reading.counted, assets.field, reading.model)
-    between, reliability = judge(rest, cloud.reliability, reading.gain, learnt, params)
+        rest = class_conditional.fit(particles.pose, reading.counted, assets.field, reading.model)
+    between, reliability = judge(rest, particles.reliability, reading.gain, learnt, params)
     within = between + reading.gain * (fit.log_likelihood - rest.log_likelihood)
-    log_w = rivalry(cloud, within, between, reading.key.worth, params.evidence_top)
-    return cloud._replace(log_w=log_w, reliability=reliability), matches
+    log_w = rivalry(particles, within, between, reading.key.worth, params.evidence_top)
+    return particles._replace(log_w=log_w, reliability=reliability), matches
 
 
 def judge(
@@ -71,19 +73,20 @@ def judge(
 
 
 def rivalry(
-    cloud: Cloud, within: NDArray[np.float64], between: NDArray[np.float64], worth: float, top: float
+    particles: Particles, within: NDArray[np.float64], between: NDArray[np.float64], worth: float, top: float
 ) -> NDArray[np.float64]:
     """(n,) log weights after a scan: within what is believed, and among its rivals, the whole of it counts (within (n,));
     between the two only the beams that are evidence (between (n,)), by the share that the scan is worth beside the key scans,
     and `top` nats at the most: where the map has changed, all beams of a scan err together, and what one scan says is no
     proof."""
-    rival, after = ~cloud.believed, cloud.log_w + within
+    rival, after = ~particles.believed, particles.log_w + within
     if not rival.any() or rival.all():
         return after
 
     def gained(log: NDArray[np.float64]) -> float:
         of_rivals, of_believed = (
-            normalize((cloud.log_w + log)[k])[1] - normalize(cloud.log_w[k])[1] for k in (rival, cloud.believed)
+            normalize((particles.log_w + log)[k])[1] - normalize(particles.log_w[k])[1]
+            for k in (rival, particles.believed)
         )
         return float(of_rivals - of_believed)
 
@@ -92,8 +95,8 @@ def rivalry(
 
 
 def sampled(
-    cloud: Cloud, tracked: Cloud, reading: Reading, assets: Assets, params: Params, rng: np.random.Generator
-) -> tuple[Cloud, int]:
+    particles: Particles, tracked: Particles, reading: Reading, assets: Assets, params: Params, rng: np.random.Generator
+) -> tuple[Particles, int]:
     """Global samples join; `tracked`: what the tracker predicted. Returns how many key points matched as well."""
     key, history, count = reading.key, reading.history, params.gl_samples
     field, model, gain = assets.field, reading.model, reading.gain
@@ -105,20 +108,24 @@ def sampled(
     prior, area = np.exp(tracked.log_w), assets.free_xy.shape[0] * assets.grid.resolution_m**2
     importance = global_sampler.log_importance(pose, tracked.pose, prior, params.gl_uniform, area, past)
     here = estimate.members(pose, own, MODE_M, MODE_RAD)
-    cloud = cloud._replace(log_w=cloud.log_w + global_sampler.halved(cloud.pose, pose))
-    return joined(cloud, Cloud(pose, importance - np.log(count), np.full(count, 0.5), here)), matches
+    particles = particles._replace(log_w=particles.log_w + global_sampler.halved(particles.pose, pose))
+    return joined(particles, Particles(pose, importance - np.log(count), np.full(count, 0.5), here)), matches
 
 
-def matched(cloud: Cloud, reading: Reading, assets: Assets, params: Params, rng: np.random.Generator) -> Cloud:
+def matched(
+    particles: Particles, reading: Reading, assets: Assets, params: Params, rng: np.random.Generator
+) -> Particles:
     """Particles around the optimum of a scan match join those of the believed place, whose mass they share."""
-    own, prior = cloud.believed, np.exp(cloud.log_w)
-    around = match_proposal.gaussian_of(cloud.pose[own], prior[own])
+    own, prior = particles.believed, np.exp(particles.log_w)
+    around = match_proposal.gaussian_of(particles.pose[own], prior[own])
     if around.cov[0, 0] + around.cov[1, 1] > MODE_M**2:
-        return cloud  # not yet one place
+        return particles  # not yet one place
     found = match_proposal.match(around, reading.scan, assets.field, reading.model, reading.gain)
     pose, importance = match_proposal.draw(around, found, params.match_samples, params.match_slip, rng)
     mass, count = float(prior[own].sum()), pose.shape[0]
     share = count / (count + own.sum())
-    reliability = np.full(count, float(prior[own] @ cloud.reliability[own]) / mass)
-    cloud = cloud._replace(log_w=cloud.log_w + np.where(own, np.log1p(-share), 0.0))
-    return joined(cloud, Cloud(pose, importance + np.log(share * mass / count), reliability, np.ones(count, np.bool_)))
+    reliability = np.full(count, float(prior[own] @ particles.reliability[own]) / mass)
+    particles = particles._replace(log_w=particles.log_w + np.where(own, np.log1p(-share), 0.0))
+    return joined(
+        particles, Particles(pose, importance + np.log(share * mass / count), reliability, np.ones(count, np.bool_))
+    )

@@ -1,12 +1,29 @@
-"""Resampling as both halves of `slam-gdr` do it: parents by the named resampler, offspring dispersed around them."""
+"""When and how the filters resample: systematic or as printed, or by the named resampler with dispersed offspring."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.resample import csw, gdr, stratified, systematic
+from pfcli.core.resample import csw, gdr, multinomial, stratified, systematic
 from pfcli.rng import Draw, Purpose
+
+
+def chosen(
+    weights: NDArray[np.float64], n_eff: float, params: Any, draw: Draw, stamp_ns: int
+) -> NDArray[np.int64] | None:
+    """Parent of each of `particles` offspring; None while weights (n,) are even enough and the particles not too many.
+
+    As printed (`--variant paper`) every time, multinomial; else systematic. params: with `variant`, `particles` and
+    `resample_threshold`.
+    """
+    if params.variant == "paper":
+        rng = draw(Purpose.RESAMPLE, stamp_ns)
+        return np.asarray(multinomial.ancestors(weights, rng.random(params.particles)))
+    if weights.size <= params.particles and n_eff >= params.resample_threshold * weights.size:
+        return None
+    rng = draw(Purpose.RESAMPLE, stamp_ns)
+    return np.asarray(systematic.choose(weights, rng.random(), params.particles))
 
 
 def ancestors_of(weights: NDArray[np.float64], params: Any, draw: Draw, stamp_ns: int) -> NDArray[np.int64]:
