@@ -30,13 +30,13 @@ class CommandLine(NamedTuple):
 
 
 def perform(cli: CommandLine, system: str, words: Sequence[str], record: dict[str, Any], target: Path) -> int:
-    """Run the job and write its folder in one rename; 0, or 3 where part of the input was lost. Raises PfcliError."""
+    """Run the job and write its folder in one rename; 0, or 3 where a finding says loss or doubt. Raises PfcliError."""
     from pfcli.runs import loop, results
 
     words = (*words, "--out", str(target))
     job = cli.job(system, words)._replace(command=("pfcli", system, *words))
     done = loop.execute(job)
-    code = EXIT_PARTIAL if done.dropped else EXIT_DONE
+    code = EXIT_PARTIAL if any(found.shakes for found in done.findings) else EXIT_DONE
     with output_dir(target, force=True) as folder:
         results.write(folder, job, done)
         (folder / "job.json").write_text(json.dumps({**record, "exit": code}, indent=2) + "\n")

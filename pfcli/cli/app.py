@@ -62,7 +62,7 @@ class _Lazy(click.Group):
 def main() -> None:
     """Replay recorded robot logs offline through published particle-filter systems.
 
-    Exit codes: 0 done, 1 failed, 2 usage, 3 done but part of the input was lost, 130 interrupted.
+    Exit codes: 0 done, 1 failed, 2 usage, 3 done with a finding of loss or doubt, 4 judged and not passed, 130 interrupted.
     """
 
 

@@ -11,6 +11,7 @@ from pfcli.cli.drive_options import wheel_options
 from pfcli.cli.types import Finite, max_chunk_option, max_map_option
 from pfcli.cli.vision_options import image_of, vision_options
 from pfcli.errors import UsageError
+from pfcli.findings import CODES, known
 from pfcli.formats.limits import DEFAULTS, Limits
 from pfcli.formats.roles import ROLES
 from pfcli.formats.toml_file import read_toml
@@ -166,6 +167,27 @@ def localiser_options(system: System) -> Callable[[_Command], _Command]:
 def initial_of(given: dict[str, Any]) -> Initial:
     """Start of a localiser; systems without a map have none."""
     return parse(given["initial"], given["heading_prior"]) if "initial" in given else Initial()
+
+
+def finding_options(command: _Command) -> _Command:
+    """Options of every command that judges what it read."""
+    command = click.option(
+        "--strict", is_flag=True, help="Exit code 4 instead of 3 where a finding says loss or doubt."
+    )(command)
+    return click.option(
+        "--ignore",
+        multiple=True,
+        metavar="CODE",
+        callback=_codes,
+        help="Silence the finding with this code, such as W106 (docs/checks.md has them all).",
+    )(command)
+
+
+def _codes(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> tuple[str, ...]:
+    for word in words:
+        if not known(word):
+            raise UsageError(f"--ignore {word}: no finding has this code; known: {', '.join(CODES)}")
+    return words
 
 
 def reading_options(command: _Command) -> _Command:

@@ -1,11 +1,13 @@
 """How commands speak: results to standard output, messages to standard error."""
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import click
 
-from pfcli.errors import EXIT_DONE, EXIT_PARTIAL, printable
+from pfcli.errors import EXIT_DONE, EXIT_NOT_PASSED, EXIT_PARTIAL, printable
+from pfcli.findings import Finding
 
 _NOTES = 10
 
@@ -32,3 +34,22 @@ def lost(counts: dict[str, int], notes: list[str], quiet: bool = False) -> int:
     total = ", ".join(f"{count} x {why}" for why, count in counts.items())
     say(f"part of the input was lost: {total}", quiet)
     return EXIT_PARTIAL
+
+
+def tell(findings: Sequence[Finding], counts: dict[str, int], *, quiet: bool = False, strict: bool = False) -> int:
+    """Say what a run noticed, one line each, and give the exit code: 3 where a loss or a doubt is among it (strict: 4).
+
+    counts: what was lost, for the last line.
+    """
+    for found in findings:
+        say(found.line, quiet)
+    if any(found.severity == "loss" for found in findings) and counts:
+        say("part of the input was lost: " + ", ".join(f"{n} x {why}" for why, n in counts.items()), quiet)
+    return verdict_code(findings, strict=strict)
+
+
+def verdict_code(findings: Sequence[Finding], *, strict: bool = False) -> int:
+    """The exit code that findings ask for."""
+    if not any(found.shakes for found in findings):
+        return EXIT_DONE
+    return EXIT_NOT_PASSED if strict else EXIT_PARTIAL

@@ -14,6 +14,7 @@ from pfcli.cli.drive_options import drive_of
 from pfcli.cli.options import (
     build_params,
     chosen,
+    finding_options,
     initial_of,
     localiser_options,
     reading_options,
@@ -40,6 +41,8 @@ _OUTPUT = (
     "progress_mode",
     "as_json",
     "quiet",
+    "ignore",
+    "strict",
     "help",
 )
 
@@ -116,6 +119,7 @@ def command(name: str) -> click.Command:
     )
     @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
     @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
+    @finding_options
     @reading_options
     @localiser_options(system)
     @system_options(system)
@@ -146,6 +150,7 @@ def job_of(name: str, given: dict[str, Any]) -> "Job":
         "never" if given["quiet"] else given["progress_mode"],
         given.get("map_file"),
         initial_of(given),
+        ignore=given["ignore"],
     )
 
 
@@ -182,7 +187,7 @@ def _run(name: str, given: dict[str, Any]) -> int:
     interrupt_on_terminate()
     job = job_of(name, given)._replace(command=("pfcli", *sys.argv[1:]))
 
-    from pfcli.cli.printing import emit, lost
+    from pfcli.cli.printing import emit, tell
     from pfcli.runs import loop, results
 
     done = loop.execute(job)
@@ -203,7 +208,7 @@ def _run(name: str, given: dict[str, Any]) -> int:
         if given["animate"] is not None:
             animation.animate(given["animate"], done.result, job.system.name)
     emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"], job.system.readings), given["as_json"])
-    return lost(summary["lost"], summary["notes"], given["quiet"])
+    return tell(done.findings, summary["lost"], quiet=given["quiet"], strict=given["strict"])
 
 
 def _lines(summary: dict[str, Any], out: Path, readings: str) -> list[str]:

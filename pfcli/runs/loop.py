@@ -14,6 +14,7 @@ from pfcli.core.threads import set_threads
 from pfcli.dropped import Dropped
 from pfcli.errors import LogError, UsageError, printable
 from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
+from pfcli.findings import Finding, without
 from pfcli.formats import tum
 from pfcli.initial import Initial
 from pfcli.registry import filter_of
@@ -45,6 +46,8 @@ class Job(NamedTuple):
     map: Path | None = None
     initial: Initial = Initial()
     command: Sequence[str] = ()
+    ignore: Sequence[str] = ()
+    """Codes of findings that are silenced."""
 
     @property
     def map_file(self) -> Path:
@@ -61,7 +64,7 @@ class Job(NamedTuple):
 
 class Run(NamedTuple):
     """What a job gave: the system's result, its Info rows, errors against truth, what was lost, timings (s), where motion came
-    from, and per update its stamp and how long it took (n, 2), s."""
+    from, per update its stamp and how long it took (n, 2), s, and what was noticed about the log, the map and the result."""
 
     result: Result
     infos: InfoRows
@@ -70,6 +73,7 @@ class Run(NamedTuple):
     seconds: dict[str, float]
     motion: str
     updates: NDArray[np.float64]
+    findings: Sequence[Finding] = ()
 
 
 def execute(job: Job) -> Run:
@@ -107,7 +111,8 @@ def execute(job: Job) -> Run:
         dropped.take(result.dropped)
     errors = _errors(job, result, truth)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
-    return Run(result, infos, errors, dropped, seconds, motion, updates.array())
+    findings = without(dropped.findings(), job.ignore)
+    return Run(result, infos, errors, dropped, seconds, motion, updates.array(), findings)
 
 
 def motion_source(log: Log, wanted: str) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli import __version__
+from pfcli.findings import as_rows
 from pfcli.formats import map_yaml, parquet, tum
 from pfcli.formats.folders import find
 from pfcli.params import to_toml
@@ -121,7 +122,7 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
         **run.result.summary,
         "read": dict(sorted(run.dropped.read.items())),
         "lost": dict(sorted(run.dropped.counts.items())),
-        "notes": run.dropped.notes,
+        "findings": as_rows(run.findings),
     }
     if run.errors is not None:
         summary["truth"] = run.errors.summary()

@@ -382,7 +382,7 @@ def test_the_summary_is_the_runs_and_the_baseline_is_a_gate(reference: Path, pfc
         ran["truth"]["ate_m"] *= 1.2 if ran["particles"] == 8 else 0.7
         path.write_text(json.dumps(ran))
     worse = pfcli("summarize", out, "--baseline", reference / "out")
-    assert worse.returncode == 1
+    assert worse.returncode == 4
     strict = pfcli("summarize", out, "--baseline", reference / "out", "--json").stdout
     assert "NaN" not in strict
     assert (worse.stdout.count("worse:"), worse.stdout.count("better:")) == (1, 1)
@@ -400,7 +400,7 @@ def test_seeds_that_the_baseline_has_and_a_run_lacks_fail_the_gate(reference: Pa
     ran["truth"]["ate_m"] = float("nan")
     (second / "run.json").write_text(json.dumps(ran))
     done = pfcli("summarize", out, "--metric", "truth.ate_m", "--baseline", reference / "out")
-    assert done.returncode == 1
+    assert done.returncode == 4
     assert "missing:" in done.stdout
     assert "3 jobs, 1 without truth.ate_m" in done.stdout
 

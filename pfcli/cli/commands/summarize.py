@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from pfcli.cli.types import Finite
-from pfcli.errors import EXIT_DONE, EXIT_FAILED, LogError, UsageError
+from pfcli.errors import EXIT_DONE, EXIT_NOT_PASSED, LogError, UsageError
 
 _USUAL = ("truth.ate_m", "ms_per_update", "updates")
 
@@ -34,7 +34,7 @@ _USUAL = ("truth.ate_m", "ms_per_update", "updates")
 def summarize(folder: Path, **given: Any) -> int:
     """One row for every job of a batch in summary.parquet, and a table over the seeds.
 
-    With --baseline: what got better or worse; exit code 1 if something got worse beyond the tolerance, or is missing.
+    With --baseline: what got better or worse; exit code 4 if something got worse beyond the tolerance, or is missing.
 
     Example: pfcli summarize out/sweep --baseline out/sweep-of-main
     """
@@ -66,7 +66,7 @@ def summarize(folder: Path, **given: Any) -> int:
         changes = summary.changes(found, before, higher=higher)
         result["changes"] = [_named(c.group) | {k: v for k, v in c._asdict().items() if k != "group"} for c in changes]
         if any(c.missing or c.worse > given["tolerance"] for c in changes):
-            code = EXIT_FAILED
+            code = EXIT_NOT_PASSED
     if given["as_json"]:
         click.echo(json.dumps(_plain(result)))
     else:

@@ -16,6 +16,7 @@ from PIL import Image
 
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError, reason
+from pfcli.findings import Finding
 from pfcli.formats import map_yaml, parquet
 from pfcli.formats.atomic import output_file
 from pfcli.registry import system as record_of
@@ -86,7 +87,7 @@ def _described(folder: Path) -> dict[str, Any]:
         "title": f"{about['system']}: {', '.join(Path(log).name for log in summary['logs'])}",
         "command": str(summary.get("command", "")),
         "summary": _headline(summary),
-        "notes": [str(note) for note in summary.get("notes", [])],
+        "notes": [Finding(**row).line for row in summary.get("findings", [])],
         "tables": _tables(summary, about),
         "span": round(float(track["t_ns"][-1] - start) * 1e-9, 3),
         "track": shown,

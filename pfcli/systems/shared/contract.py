@@ -34,7 +34,8 @@ class System(NamedTuple):
     `Filter`; needs: alternatives, each a set of event kinds that is enough to run; wants: kinds that are read whenever the log
     has them; map: it needs `--map`; frame: `given` (poses are in the frame of a map or field: `--initial` and
     `--heading-prior` follow) or `own`; readings: what its users call what it is fed; unusable: what none of them does where
-    nothing could be estimated; charts: of its report; classes: names of `particle_class`; equations: rows of the first
+    nothing could be estimated; charts: of its report; classes: names of `particle_class`; codes: of its own findings, such as
+    `slam-gdr:W1`, and their titles; equations: rows of the first
     table of its PAPER.md, at least; example: a run for the contract tests; variants: whole records behind flags of the command.
     """
 
@@ -50,6 +51,7 @@ class System(NamedTuple):
     unusable: str = "has a usable beam (see --max-range-m)"
     charts: tuple[Chart, ...] = ()
     classes: tuple[str, ...] = ()
+    codes: "Mapping[str, str]" = MappingProxyType({})
     equations: int = 0
     example: "Example | None" = None
     variants: "Mapping[str, System]" = MappingProxyType({})
