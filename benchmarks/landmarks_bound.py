@@ -96,7 +96,9 @@ def _upto(log: landmark_smoother.Log, t: int, track: np.ndarray, places: np.ndar
         rows.append(compose(rows[-1][None], step[None])[0])
     seen = log.at <= t
     used, of = np.unique(log.of[seen], return_inverse=True)
-    part = landmark_smoother.Log(log.step[:t], log.step_sd[:t], log.at[seen], of, log.z[seen], log.sd[seen])
+    part = landmark_smoother.Log(
+        step=log.step[:t], step_sd=log.step_sd[:t], at=log.at[seen], of=of, z=log.z[seen], sd=log.sd[seen]
+    )
     found = landmark_smoother.solve(part, np.array(rows), places[used])
     places = places.copy()
     places[used] = found.marks

@@ -235,7 +235,7 @@ def speed() -> None:
     poses = np.column_stack([rng.uniform(-8, 8, 500), rng.uniform(-5, 5, 500), rng.uniform(-3, 3, 500)])
     points = np.ascontiguousarray(sighting.points_m.T, np.float32)
     sigma = assets.fine.sigma_m[field_lines.range_bins(points)]
-    view = View(points, sigma, 1.0, 1.0, None, None)
+    view = View(points=points, sigma_m=sigma, worth=1.0, best=1.0, detections=None, seen=None)
     values, times = [], []
     for given in ({}, {"confidence": "exact"}):
         own = Params(**given)

@@ -20,8 +20,8 @@ from pfcli.registry import system
 from pfcli.replay import vision
 from pfcli.runs import loop
 from pfcli.simulation import landmark_world as simulated
-from pfcli.systems.slam_landmarks import filter as slam_filter
 from pfcli.systems.slam_landmarks import landmark_smoother
+from pfcli.systems.slam_landmarks.motion_spread import motion_spread
 from pfcli.systems.slam_landmarks.params import Params
 
 SLAM = system("slam-gdr-landmarks")
@@ -104,7 +104,12 @@ def problem(seed: int) -> tuple[landmark_smoother.Log, np.ndarray, np.ndarray]:
     z[:, 1] = np.remainder(z[:, 1] + np.pi, 2 * np.pi) - np.pi
     return (
         landmark_smoother.Log(
-            step, np.tile([0.05, 0.05, 0.02, 0.3], (9, 1)), at, of, z, np.tile([0.05, 0.01], (30, 1))
+            step=step,
+            step_sd=np.tile([0.05, 0.05, 0.02, 0.3], (9, 1)),
+            at=at,
+            of=of,
+            z=z,
+            sd=np.tile([0.05, 0.01], (30, 1)),
         ),
         true,
         marks,
@@ -175,7 +180,7 @@ def test_two_short_steps_are_as_uncertain_as_a_long_one(pivot_m: float) -> None:
     params = Params(motion_xy_m=1e-6, motion_yaw_rad=1e-6, motion_pivot_m=pivot_m)
 
     def cov(way: float) -> np.ndarray:
-        along, across, yaw, behind = slam_filter._spread(way, 0.0, params)
+        along, across, yaw, behind = motion_spread(way, 0.0, params)
         own = np.diag(np.square([along, across, yaw]))
         lever = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, behind], [0.0, 0.0, 1.0]])
         return lever @ own @ lever.T

@@ -84,14 +84,14 @@ def load(params: Params, job: Job) -> Assets:
         for name in {field_yaml.spoken(mark.name), field_yaml.spoken(mark.kind)}:
             places.setdefault(name, []).append((mark.x_m, mark.y_m))
     return Assets(
-        field,
-        field_lines.build(field.lines),
-        field_lines.evidence_table(sigma, hit, params.reach_m),
-        field_lines.evidence_table(np.hypot(sigma, BLIND_M), params.hit, params.reach_m),
-        field_lines.samples(field.lines),
-        {name: np.array(xy) for name, xy in places.items()},
-        float(np.prod(high - low)),
-        initial,
+        field=field,
+        table=field_lines.build(field.lines),
+        fine=field_lines.evidence_table(sigma, hit, params.reach_m),
+        rough=field_lines.evidence_table(np.hypot(sigma, BLIND_M), params.hit, params.reach_m),
+        samples=field_lines.samples(field.lines),
+        places={name: np.array(xy) for name, xy in places.items()},
+        area_m2=float(np.prod(high - low)),
+        initial=initial,
     )
 
 
@@ -110,7 +110,9 @@ def view_of(sighting: Sighting, assets: Assets, params: Params) -> View:
     if detections is not None:
         best += known_landmarks.best_evidence(detections, params.hit, assets.area_m2)
     seen = field_lines.seen_from(points, params.max_range_m) if params.missed and points.size else None
-    return View(flat, assets.fine.sigma_m[bins], worth, best, detections, seen)
+    return View(
+        points=flat, sigma_m=assets.fine.sigma_m[bins], worth=worth, best=best, detections=detections, seen=seen
+    )
 
 
 def _detections(sighting: Sighting, assets: Assets, params: Params) -> Detections | None:

@@ -13,32 +13,27 @@ from numpy.typing import NDArray
 
 from pfcli.core import estimate
 from pfcli.core.geometry import between, compose
-from pfcli.core.motion import odometry, wheels
 from pfcli.core.resample import multinomial, systematic
-from pfcli.core.sensor import compass
-from pfcli.core.sensor import known_landmarks as landmarks
+from pfcli.core.sensor import compass, known_landmarks
 from pfcli.core.weights import effective_sample_size, normalize
-from pfcli.events import Rolling, Sighting
-from pfcli.formats import field_yaml
+from pfcli.events import Sighting
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.fuse_soccer import line_proposal, start_on_field
-from pfcli.systems.fuse_soccer.field_assets import Assets, View, load, view_of
+from pfcli.systems.fuse_soccer.compass_reading import CERTAIN, heard_of, learned
+from pfcli.systems.fuse_soccer.field_assets import Assets, load, view_of
 from pfcli.systems.fuse_soccer.params import Params
-from pfcli.systems.fuse_soccer.sighting_likelihood import Belief, Heard, choose_side, of_missed, turned, weigh
-from pfcli.systems.shared.contract import Filter, Result
-from pfcli.systems.shared.frame_keeper import FrameKeeper
-from pfcli.systems.shared.motion_gate import step_noise
-from pfcli.systems.shared.track_keeper import TrackKeeper
+from pfcli.systems.fuse_soccer.sighting_likelihood import Belief, Heard, choose_side, of_missed, weigh
+from pfcli.systems.fuse_soccer.soccer_result import finish
+from pfcli.systems.fuse_soccer.soccer_state import Glance, State, init
+from pfcli.systems.fuse_soccer.wheel_motion import WILD, rolled, stretched
+from pfcli.systems.shared.contract import Filter
 
-_CERTAIN, _CERTAIN_M = 0.8, 0.3
+_CERTAIN_M = 0.3
+"""A track is certain from the first frame whose spread is below this."""
 _FADING = 0.2
 """Weight of the newest frame in `fit`: one bad frame is no reason to think oneself lost."""
-_LEARN_SD_RAD = 0.15
 _REST_NS = 500_000_000
 """Who is still lost looks around again after this time."""
-_CAUTIOUS, _ADAPT, _WILD = 20.0, 0.1, 30.0
-"""The motion's variance at the start in units of its parameters, how fast it follows the surprises, and the largest that
-counts."""
 
 
 class Info(NamedTuple):
@@ -73,57 +68,13 @@ class Info(NamedTuple):
     two_yaw_rad: float
 
 
-class State(NamedTuple):
-    """belief: particles; pose: (3,) the last estimate; last: sighting; begun_yaw_rad: odometry at the first one; bias of the
-    compass; heard_ns: its last reading, 0 before; stretch: of the motion's variance; fit: evidence of the last frames and the
-    best there could be, both fading; what the end needs."""
-
-    belief: Belief
-    pose: NDArray[np.float64]
-    last: Sighting
-    begun_yaw_rad: float
-    bias: compass.Bias
-    heard_ns: int
-    stretch: float
-    fit: tuple[float, float]
-    way_m: float
-    track: TrackKeeper
-    frames: FrameKeeper
-    mirror_p: list[float]
-    certain_ns: list[int]
-    injected_ns: list[int]
-
-
-def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
-    """Nothing is known before the first frame."""
-    nothing = Belief(np.empty((0, 3)), np.empty(0), np.empty(0))
-    yaw = first.odometry[2]
-    keepers = TrackKeeper(), FrameKeeper()
-    adapts = params.adapt and params.vision and params.refine > 0.0 and params.variant == "corrected"
-    stretch = _CAUTIOUS if adapts else 1.0
-    return State(nothing, np.zeros(3), first, yaw, compass.Bias(), 0, stretch, (1.0, 1.0), 0.0, *keepers, [], [], [])
-
-
-class _Glance(NamedTuple):
-    """A frame on its way through an update; slip_m, surprise, injected and refined: see `Info` and `propose.beside`."""
-
-    sighting: Sighting
-    view: View
-    heard: Heard | None
-    seconds: float
-    slip_m: float = 0.0
-    surprise: float = 1.0
-    refined: int = 0
-    injected: int = 0
-
-
 def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info | None]:
     """Every frame updates the filter, once there was something to start from."""
     state.track.see(sighting)
     view = view_of(sighting, assets, params)
     seconds = (sighting.stamp_ns - state.last.stamp_ns) * 1e-9
-    heard = _heard(state, sighting, params)
-    glance = _Glance(sighting, view, heard, seconds)
+    heard = heard_of(state, sighting, params)
+    glance = Glance(sighting, view, heard, seconds)
     first = state.belief.pose.shape[0] == 0
     if first:
         if assets.initial.kind != "pose" and view.points.shape[1] == 0 and view.detections is None:
@@ -146,11 +97,11 @@ def step(state: State, sighting: Sighting, assets: Assets, params: Params, draw:
     return _conclude(state, glance, assets, params, draw)
 
 
-def _move(state: State, glance: _Glance, assets: Assets, params: Params, draw: Draw) -> tuple[State, _Glance]:
+def _move(state: State, glance: Glance, assets: Assets, params: Params, draw: Draw) -> tuple[State, Glance]:
     """Particles after the step since the last frame, and new ones where the lines want them."""
     moved = between(np.array([state.last.odometry]), np.array([glance.sighting.odometry]))[0]
     rng = draw(Purpose.MOTION, glance.sighting.stamp_ns)
-    belief, slip = _predict(state, glance.sighting, moved, params, rng)
+    belief, slip = rolled(state, glance.sighting, moved, params, rng)
     state = state._replace(belief=belief, way_m=state.way_m + float(np.hypot(moved[0], moved[1])))
     if params.variant == "paper":
         return state, glance._replace(slip_m=slip)
@@ -158,14 +109,14 @@ def _move(state: State, glance: _Glance, assets: Assets, params: Params, draw: D
     at = compose(state.pose[None], moved[None])[0]
     belief, surprise = line_proposal.beside(state.belief, at, glance.view, assets, count, rng)
     refined = belief.pose.shape[0] - state.belief.pose.shape[0]
-    stretch = _stretched(state.stretch, surprise) if params.adapt else 1.0
+    stretch = stretched(state.stretch, surprise) if params.adapt else 1.0
     glance = glance._replace(slip_m=slip, surprise=surprise, refined=refined)
     return state._replace(belief=belief, stretch=stretch), glance
 
 
 def _look_around_if_lost(
-    state: State, glance: _Glance, first: bool, assets: Assets, params: Params, draw: Draw
-) -> tuple[State, _Glance]:
+    state: State, glance: Glance, first: bool, assets: Assets, params: Params, draw: Draw
+) -> tuple[State, Glance]:
     """Where the last frames fit badly, the particles get company of those of a robot that may be anywhere: each side by its
     prior and its evidence."""
     stamp_ns, belief = glance.sighting.stamp_ns, state.belief
@@ -188,51 +139,7 @@ def _look_around_if_lost(
     return state._replace(belief=both, fit=(best, best)), glance._replace(injected=found.pose.shape[0])
 
 
-def _stretched(stretch: float, surprise: float) -> float:
-    """The motion's variance in units of its parameters: grows with frames that surprise, fades to 1 with others."""
-    return min(max(stretch * (1.0 + _ADAPT * (min(surprise, _WILD) - 1.0)), 1.0), 1e4)
-
-
-def _heard(state: State, sighting: Sighting, params: Params) -> Heard | None:
-    """The compass in the field's frame, its bias removed; readings of one memory count as one."""
-    if sighting.compass is None or not params.compass:
-        return None
-    yaw = sighting.compass.yaw_rad + math.radians(params.compass_north_deg - 90.0) - state.bias.mean_rad
-    own = sighting.compass.sigma_rad
-    sigma = own if math.isfinite(own) and own > 0.0 else math.radians(params.compass_sigma_deg)
-    if state.heard_ns == 0 or params.variant == "paper" or params.compass_memory_s == 0.0:
-        return Heard(yaw, sigma, 1.0)
-    seconds = (sighting.stamp_ns - state.heard_ns) * 1e-9
-    return Heard(yaw, sigma, min(1.0, seconds / params.compass_memory_s))
-
-
-def _predict(
-    state: State, sighting: Sighting, moved: NDArray[np.float64], params: Params, rng: np.random.Generator
-) -> tuple[Belief, float]:
-    """Particles after the step `moved` since the last frame, and the largest slip of a wheel (m)."""
-    belief, now, last = state.belief, sighting.rolling, state.last.rolling
-    if now is None or last is None or now.rolled_m.shape != last.rolled_m.shape:
-        z = rng.standard_normal(belief.pose.shape)
-        sd = math.sqrt(state.stretch) * step_noise(moved, params)
-        return belief._replace(pose=odometry.predict(belief.pose, moved, sd, z)), 0.0
-    mean, sd, residual = _wheel_errors(now, last, params)
-    sd = math.sqrt(state.stretch) * sd
-    z = rng.standard_normal((belief.pose.shape[0], sd.size))
-    pose = wheels.predict(belief.pose, wheels.midway(moved), now.back, mean, sd, z)
-    return belief._replace(pose=pose), float(np.abs(residual).max())
-
-
-def _wheel_errors(
-    now: Rolling, last: Rolling, params: Params
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and spread (k,) of each wheel's error in this step, and the travel that no motion explains (m)."""
-    travel, way = now.rolled_m - last.rolled_m
-    residual = wheels.slip(travel, now.jacobian, now.back)
-    sd = params.wheel_noise * way + params.wheel_noise_m + params.slip_gain * np.abs(residual)
-    return params.wheel_bias * travel, sd, residual
-
-
-def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info]:
+def _conclude(state: State, glance: Glance, assets: Assets, params: Params, draw: Draw) -> tuple[State, Info]:
     """Report, learn the compass, then resample."""
     sighting, view, heard = glance.sighting, glance.view, glance.heard
     weights, log_evidence = normalize(state.belief.log_w)
@@ -241,7 +148,7 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     if state.track.updates:
         shown = state.pose[2] + sighting.odometry[2] - state.last.odometry[2]
     forgotten = params.side_fade_per_s * glance.seconds
-    belief, mirror_p = choose_side(state.belief, float(shown), weights, forgotten, glance.surprise > _WILD)
+    belief, mirror_p = choose_side(state.belief, float(shown), weights, forgotten, glance.surprise > WILD)
     pose = belief.pose
     found = estimate.densest(pose, weights, line_proposal.MODE_M, line_proposal.MODE_RAD)
     if params.estimate == "best" or params.variant == "paper":
@@ -249,10 +156,10 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     sd_m, sd_yaw = float(np.sqrt(found.cov[0, 0] + found.cov[1, 1])), float(np.sqrt(found.cov[2, 2]))
     state.track.update(found.pose, found.cov)
     state.mirror_p.append(mirror_p)
-    if found.mass >= _CERTAIN and sd_m <= _CERTAIN_M and mirror_p < 0.5 * (1.0 - _CERTAIN):
+    if found.mass >= CERTAIN and sd_m <= _CERTAIN_M and mirror_p < 0.5 * (1.0 - CERTAIN):
         state.certain_ns.append(sighting.stamp_ns)
-    bias, residual = _learned(state, glance, found, sd_yaw, params)
-    two = landmarks.triangulated(view.detections, found.pose) if view.detections is not None else None
+    bias, residual = learned(state, glance, found, sd_yaw, params)
+    two = known_landmarks.triangulated(view.detections, found.pose) if view.detections is not None else None
     two = two or (math.nan, math.nan, math.nan)
     n_eff = float(effective_sample_size(weights))
     crowded = pose.shape[0] > params.particles
@@ -287,49 +194,24 @@ def _conclude(state: State, glance: _Glance, assets: Assets, params: Params, dra
     state = state._replace(pose=found.pose, bias=bias, heard_ns=heard_ns, last=sighting)
     if not resample:
         return state._replace(belief=belief._replace(log_w=belief.log_w - log_evidence)), info
-    rng = draw(Purpose.RESAMPLE, sighting.stamp_ns)
-    if params.variant == "paper":
+    return state._replace(belief=_resampled(belief, weights, sighting.stamp_ns, assets, params, draw)), info
+
+
+def _resampled(
+    belief: Belief, weights: NDArray[np.float64], stamp_ns: int, assets: Assets, params: Params, draw: Draw
+) -> Belief:
+    """`params.particles` particles of equal weight; in the paper's variant a share of them is new."""
+    rng, paper = draw(Purpose.RESAMPLE, stamp_ns), params.variant == "paper"
+    if paper:
         chosen = multinomial.ancestors(weights, rng.random(params.particles))
     else:
         chosen = systematic.choose(weights, rng.random(), params.particles)
     n = chosen.size
-    fresh = pose[chosen]
-    if params.variant == "paper" and params.new_share > 0.0:
+    pose = belief.pose[chosen]
+    if paper and params.new_share > 0.0:
         new = round(params.new_share * n)
-        fresh[:new] = start_on_field.anyhow(new, None, assets, folded=False, rng=rng)
-    return state._replace(belief=Belief(fresh, np.full(n, -np.log(n)), belief.odds[chosen])), info
-
-
-def _learned(
-    state: State, glance: _Glance, found: estimate.PoseEstimate, sd_yaw: float, params: Params
-) -> tuple[compass.Bias, float]:
-    """The bias after this reading, which a filter that is sure of its heading teaches; and what the reading differs by."""
-    heard = glance.heard
-    if heard is None:
-        return state.bias, math.nan
-    residual = math.remainder(heard.yaw_rad - float(found.pose[2]), 2 * math.pi)
-    if not params.compass_bias or sd_yaw > _LEARN_SD_RAD or found.mass < _CERTAIN:
-        return state.bias, residual
-    seconds = (glance.sighting.stamp_ns - state.heard_ns) * 1e-9 if state.heard_ns else params.compass_memory_s
-    return compass.learn(state.bias, residual, heard.sigma_rad, seconds, params.compass_memory_s), residual
-
-
-def finish(state: State, assets: Assets, params: Params) -> Result:
-    """Track, the other side of it, and the field."""
-    track = state.track.track({"mirror_p": np.array(state.mirror_p)})
-    other = turned(track.poses)
-    columns = track.columns | dict(zip(("mirror_x_m", "mirror_y_m", "mirror_yaw_rad"), other.T, strict=True))
-    since = (state.certain_ns[0] - int(track.stamps_ns[0])) * 1e-9 if state.certain_ns else None
-    summary = {
-        "updates": int(track.columns["update"].sum()),
-        "certain_since_s": None if since is None else round(since, 3),
-        "injections": len(state.injected_ns),
-        "mirror_p_at_end": round(state.mirror_p[-1], 4),
-        "compass_bias_deg": round(math.degrees(state.bias.mean_rad), 2),
-        "particles": int(state.belief.pose.shape[0]),
-    }
-    field = field_yaml.drawn(assets.field, assets.table)
-    return Result(track._replace(columns=columns), field, state.frames.frames(), summary, given_frame=True)
+        pose[:new] = start_on_field.anyhow(new, None, assets, folded=False, rng=rng)
+    return Belief(pose, np.full(n, -np.log(n)), belief.odds[chosen])
 
 
 FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

@@ -144,7 +144,7 @@ def _pattern(log: Log, landmarks: int, options: Options) -> _Pattern:
     columns = np.concatenate([np.repeat(step, 3, axis=0).ravel(), np.repeat(seen, 2, axis=0).ravel()])
     rows = np.concatenate([np.repeat(np.arange(3 * n), 8), 3 * n + np.repeat(np.arange(2 * d), 7)])
     counts = columns >= 0
-    return _Pattern(rows[counts], columns[counts], counts, marks, scales, size)
+    return _Pattern(rows=rows[counts], columns=columns[counts], counts=counts, marks=marks, scales=scales, size=size)
 
 
 def solve(
@@ -202,7 +202,8 @@ def solve(
         end, unit = np.arange(pattern.marks - 3, pattern.marks), np.zeros((pattern.size, 3))
         unit[end, range(3)] = 1.0
         end_cov = solved(unit)[end]
-    return Solution(*now, drawn, _cost(*now, log), end_cov)
+    track, marks, scales = now
+    return Solution(track=track, marks=marks, scales=scales, draws=drawn, cost=_cost(*now, log), end_cov=end_cov)
 
 
 def _factored(normal: sparse.csc_matrix, sparse_size: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

@@ -1,6 +1,6 @@
 """All that was driven and seen, by particle, and what follows from it as a whole."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import between, compose
 from pfcli.core.landmark_store import FIELDS
 from pfcli.systems.slam_landmarks import landmark_smoother
+from pfcli.systems.slam_landmarks.usable_detections import View
 
 
 class Middle(NamedTuple):
@@ -47,23 +48,36 @@ class Past(NamedTuple):
 
 def empty() -> History:
     """Nothing driven, nothing seen."""
-    middle = Middle(np.empty((0, 3)), np.empty(0, np.int64), np.empty((0, 2)))
-    return History([], [], [], [], [], np.empty((1, 0, 3)), middle, [], [])
+    return History(
+        step=[],
+        step_sd=[],
+        z=[],
+        sd=[],
+        column=[],
+        settled=np.empty((1, 0, 3)),
+        middle=Middle(np.empty((0, 3)), np.empty(0, np.int64), np.empty((0, 2))),
+        pose=[],
+        parents=[],
+    )
 
 
 def record(
     history: History,
     step: NDArray[np.float64],
     step_sd: NDArray[np.float64],
-    z: NDArray[np.float64],
-    sd: NDArray[np.float64],
+    view: View,
     column: NDArray[np.int32],
     pose: NDArray[np.float64],
 ) -> None:
-    """Take note of an observation."""
-    lists: tuple[list[Any], ...] = (*history[:5], history.pose, history.parents)
-    for rows, row in zip(lists, (step, step_sd, z, sd, column, pose, None), strict=True):
-        rows.append(row)
+    """Take note of an observation: the step (3,) to it and its spread (4,), its detections, the columns (n, m) or (1, m) that the
+    particles took for them, and the poses (n, 3)."""
+    history.step.append(step)
+    history.step_sd.append(step_sd)
+    history.z.append(view.z)
+    history.sd.append(np.sqrt(view.noise))
+    history.column.append(column)
+    history.pose.append(pose)
+    history.parents.append(None)
 
 
 def choose(history: History, ancestors: NDArray[np.int64]) -> None:
@@ -87,12 +101,12 @@ def of_particle(history: History, i: int, marks: NDArray[np.float64]) -> Past:
     of, z, sd = np.concatenate(column), np.concatenate(history.z), np.concatenate(history.sd)
     good = np.isin(of, alive)
     log = landmark_smoother.Log(
-        np.array(history.step[1:]).reshape(-1, 3),
-        np.array(history.step_sd[1:]).reshape(-1, 4),
-        at[good],
-        np.searchsorted(alive, of[good]),
-        z[good],
-        sd[good],
+        step=np.array(history.step[1:]).reshape(-1, 3),
+        step_sd=np.array(history.step_sd[1:]).reshape(-1, 4),
+        at=at[good],
+        of=np.searchsorted(alive, of[good]),
+        z=z[good],
+        sd=sd[good],
     )
     return Past(log, track, marks[alive, :2].copy(), alive, column)
 
@@ -125,13 +139,19 @@ def drawn_anew(
     column = [c[None] for c in past.taken]
     middle = Middle(found.track, past.columns, found.marks)
     fresh = history._replace(column=column, settled=found.draws, middle=middle, pose=[], parents=[])
-    pose = found.draws[:, -1].copy(), found.track[-1].copy(), found.end_cov
-    if options.fixed:
-        return Anew(*pose, None, fresh, found.scales)
-    given = np.zeros((n, int(past.columns.max(initial=-1)) + 1, FIELDS))
-    given[:, past.columns] = landmark_smoother.given_tracks(found.draws, found.marks, found.scales, past.log)
-    given[:, past.columns, 6] = marks[past.columns, 6]
-    return Anew(*pose, given, fresh, found.scales)
+    given = None
+    if not options.fixed:
+        given = np.zeros((n, int(past.columns.max(initial=-1)) + 1, FIELDS))
+        given[:, past.columns] = landmark_smoother.given_tracks(found.draws, found.marks, found.scales, past.log)
+        given[:, past.columns, 6] = marks[past.columns, 6]
+    return Anew(
+        pose=found.draws[:, -1].copy(),
+        mean=found.track[-1].copy(),
+        cov=found.end_cov,
+        marks=given,
+        history=fresh,
+        scales=found.scales,
+    )
 
 
 def _from_the_middle(middle: Middle, past: Past) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
