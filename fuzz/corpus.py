@@ -56,6 +56,11 @@ def ros_message(schema: str) -> Any:
         found.header = header(_T0, "base_link")
     if hasattr(found, "orientation_covariance"):
         found.orientation_covariance[:] = 0.01
+    if schema == "sensor_msgs/msg/PointCloud2":
+        kind = type(found.fields[0])
+        found.fields = [kind(name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
+        found.height, found.width, found.point_step, found.row_step, found.is_bigendian = 1, 1, 12, 12, False
+        found.data = np.frombuffer(np.array([1.0, 2.0, 0.5], "<f4").tobytes(), np.uint8)
     return found
 
 

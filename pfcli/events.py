@@ -21,7 +21,7 @@ class Pose2(NamedTuple):
 
 
 class Odometry(NamedTuple):
-    """Pose in the odometry frame; the twist is NaN where the log has none."""
+    """Pose in the odometry frame; the twist, or the heading, is NaN where the log has none."""
 
     stamp_ns: int
     x_m: float
@@ -86,8 +86,14 @@ class YawRate(NamedTuple):
     yaw_rate_radps: float
 
 
+EVENLY: NDArray[np.float64] = np.empty(0)
+"""Bearings of a scan whose beams are evenly spaced."""
+
+
 class Scan(NamedTuple):
-    """A laser scan; beam i points at angle_min_rad + i angle_increment_rad in the sensor frame."""
+    """A laser scan; beam i points at angle_min_rad + i angle_increment_rad in the sensor frame, or at bearings_rad[i] where
+    beams are not evenly spaced. time_increment_s: between two beams; scan_time_s: between two scans; 0 where the log does
+    not say."""
 
     stamp_ns: int
     ranges_m: NDArray[np.float32]
@@ -96,6 +102,23 @@ class Scan(NamedTuple):
     range_min_m: float
     range_max_m: float
     mount: Pose2
+    bearings_rad: NDArray[np.float64] = EVENLY
+    time_increment_s: float = 0.0
+    scan_time_s: float = 0.0
+    topic: str = ""
+
+    def angles_rad(self, every: int = 1) -> NDArray[np.float64]:
+        """Bearings of every `every`-th beam in the sensor frame."""
+        if self.bearings_rad.size:
+            return self.bearings_rad[::every]
+        return np.asarray(self.angle_min_rad + self.angle_increment_rad * np.arange(0, self.ranges_m.size, every))
+
+    def directions_rad(self) -> NDArray[np.float64]:
+        """Bearings of the beams in the base frame."""
+        if self.bearings_rad.size:
+            return np.asarray(self.mount.yaw_rad + self.bearings_rad)
+        first = self.mount.yaw_rad + self.angle_min_rad
+        return np.asarray(first + self.angle_increment_rad * np.arange(self.ranges_m.size))
 
 
 class Range(NamedTuple):
@@ -184,7 +207,7 @@ class Sighting(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """True pose of base_link in the map frame."""
+    """True pose of base_link in the map frame; the heading is NaN where the reference has none."""
 
     stamp_ns: int
     x_m: float

@@ -114,6 +114,7 @@ _LOSSES = {
     "landmark that moves": "W613",
     "landmarks seen once": "W613",
     "quaternion": "W202",
+    "reset of the odometry": "W203",
     "odometry without a pose": "W211",
 }
 """What `Dropped` calls a loss -> its code; others are W600."""

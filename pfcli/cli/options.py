@@ -17,7 +17,7 @@ from pfcli.formats.roles import ROLES
 from pfcli.formats.toml_file import read_toml
 from pfcli.initial import Initial, parse
 from pfcli.params import Field, build, fields
-from pfcli.replay.settings import SOURCES, Settings
+from pfcli.replay.settings import SOURCES, Band, Settings
 from pfcli.systems.shared.contract import System
 
 _Command = Callable[..., Any]
@@ -133,7 +133,23 @@ def settings_of(given: dict[str, Any]) -> Settings:
         image,
         given["landmark_ranges"],
         Limits(given["max_chunk_mib"], given["max_buffer_mib"], given.get("max_map_mpx", DEFAULTS.map_mpx)),
+        base_frame=given["base_frame"],
+        robot=given["robot"],
+        band=band_of(given["slice_m"]),
     )
+
+
+def band_of(text: str | None) -> Band:
+    """Heights of `--slice-m LOW,HIGH` (m)."""
+    if text is None:
+        return Band()
+    try:
+        low, high = (float(v) for v in text.split(","))
+        if not -math.inf < low < high < math.inf:
+            raise ValueError
+    except ValueError:
+        raise UsageError(f"--slice-m {text}: expected LOW,HIGH (m), such as 0.1,2.0") from None
+    return Band(low, high)
 
 
 def localiser_options(system: System) -> Callable[[_Command], _Command]:
@@ -247,7 +263,23 @@ def reading_options(command: _Command) -> _Command:
                 "--extrinsic",
                 multiple=True,
                 metavar="PARENT:CHILD=X,Y,YAW",
-                help="Where a sensor sits (m, m, rad), over /tf_static.",
+                help="Where a sensor sits (m, m, rad), over /tf_static; or X,Y,Z,ROLL,PITCH,YAW.",
+            ),
+            click.option(
+                "--base-frame",
+                metavar="FRAME",
+                default="",
+                help="The robot's base frame.  (default: the child of the odometry, or what that sits on)",
+            ),
+            click.option(
+                "--robot", metavar="NAME", default="", help="Namespace of the robot, where a log holds several."
+            ),
+            click.option(
+                "--slice-m",
+                metavar="LOW,HIGH",
+                default=None,
+                help="Heights above the floor between which things are walls, for point clouds and scanners that"
+                " lean [m].  (default: 0.1,2.0)",
             ),
             click.option(
                 "--motion",

@@ -9,6 +9,7 @@ import numpy as np
 
 from pfcli.errors import reason
 from pfcli.events import (
+    EVENLY,
     Event,
     Heading,
     Landmarks,
@@ -59,7 +60,8 @@ def _scan(m: Any, t: int) -> tuple[Scan, str]:
     ranges = np.array([math.inf if v is None else v for v in m["ranges_m"]], np.float32)
     low, step = float(m["angle_min_rad"]), float(m["angle_increment_rad"])
     limits = float(m.get("range_min_m", 0.0)), float(m.get("range_max_m", math.inf))
-    return Scan(t, ranges, low, step, *limits, Pose2()), str(m.get("frame_id", ""))
+    between, period = float(m.get("time_increment_s", 0.0)), float(m.get("scan_time_s", 0.0))
+    return Scan(t, ranges, low, step, *limits, Pose2(), EVENLY, between, period), str(m.get("frame_id", ""))
 
 
 def _range(m: Any, t: int) -> tuple[Range, str]:

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfcli.core.sensor import compass
+from pfcli.core.rigid import unit
 from pfcli.events import (
+    EVENLY,
     Event,
-    Heading,
     Landmarks,
     LinePoints,
     Odometry,
@@ -24,36 +24,57 @@ from pfcli.events import (
     SourceStamp,
     Steering,
     Truth,
-    Twist,
     Wheels,
-    YawRate,
 )
 from pfcli.formats import json_messages
-from pfcli.formats.json_messages import heading
+from pfcli.formats.point_cloud import points_of
+from pfcli.formats.raw_readings import (
+    UNKNOWN,
+    Attitude,
+    BodyPose,
+    BodySpeed,
+    Cloud,
+    Gyroscope,
+    Magnetometer,
+    Quaternion,
+    Spots,
+    Vector,
+)
 from pfcli.formats.schemas import typestore
 
 SECOND = 1_000_000_000
 _EVERY_M, _LONGEST_MARKING_M = 0.2, 1000.0
 
-Decoder = Callable[[Any, int, int, int], tuple[Event, str]]
-"""(buffer, offset, length, stamp_ns) -> the event and the frame it is given in."""
+Raw = Gyroscope | Attitude | Magnetometer | BodyPose | BodySpeed | Cloud | Spots
+"""What is no event before its sensor's place on the robot is known."""
+
+Decoder = Callable[[Any, int, int, int], tuple[Event | Raw, str]]
+"""(buffer, offset, length, stamp_ns) -> the reading and the frame it is given in."""
+
+_ABSENT = -1.0
+"""First entry of a covariance that marks its field as not there (sensor_msgs/Imu, and many odometries)."""
 
 
 def stamp_in_header(schema: str) -> bool:
     """Whether a ROS type begins with a std_msgs/Header."""
-    return schema not in ("std_msgs/msg/String", "tf2_msgs/msg/TFMessage")
+    return schema not in ("std_msgs/msg/String", "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/Twist")
 
 
 def yaw_of(x: float, y: float, z: float, w: float) -> float:
-    """Heading of a quaternion."""
+    """Heading of a quaternion of any length; NaN where it is all zero."""
+    square = x * x + y * y + z * z + w * w
+    if abs(square - 1.0) > 1e-6:
+        if square < 1e-12:
+            return math.nan
+        x, y, z, w = unit((x, y, z, w))
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 _U32 = struct.Struct("<I")
 _SCAN = struct.Struct("<7fI")
 _POSE = struct.Struct("<7d")
-_ODOMETRY = struct.Struct("<7d288x6d")
-"""Pose, its covariance (left out) and twist."""
+_ODOMETRY = struct.Struct("<8d280x7d")
+"""Pose and twist, each with the first entry of its covariance."""
 
 
 def _after_string(buffer: Any, start: int, at: int, end: int) -> tuple[int, int]:
@@ -70,22 +91,31 @@ def _scan(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Scan, s
     name, at = _after_string(buffer, start, start + 8, end)
     frame = bytes(buffer[at - name : at - 1]).decode() if name > 1 else ""
     at += -(at - start) % 4
-    low, _high, step, _, _, shortest, longest, count = _SCAN.unpack_from(buffer, at)
+    low, _high, step, increment, period, shortest, longest, count = _SCAN.unpack_from(buffer, at)
     if at + 32 + 4 * count > end:
         raise ValueError("field 'ranges' is longer than its message")
     ranges = np.frombuffer(buffer, np.float32, count, at + 32)
-    return Scan(stamp_ns, ranges, low, step, shortest, longest, Pose2()), frame
+    return Scan(stamp_ns, ranges, low, step, shortest, longest, Pose2(), EVENLY, *_times(increment, period)), frame
+
+
+def _times(increment_s: float, period_s: float) -> tuple[float, float]:
+    """Time between beams and between scans; 0 for what is no time."""
+    return increment_s if 0.0 < increment_s < 1.0 else 0.0, period_s if 0.0 < period_s < 60.0 else 0.0
 
 
 class _OdometryDecoder:
-    """Reads odometry; its two frame ids rarely change, so their bytes are compared with the last ones, not parsed again."""
+    """Reads odometry; its two frame ids rarely change, so their bytes are compared with the last ones, not parsed again.
 
-    def __init__(self) -> None:
+    whole: all three dimensions of it, for a body that is not the base.
+    """
+
+    def __init__(self, whole: bool = False) -> None:
         self._head = b""
         self._frame = ""
         self._body = 0
+        self._whole = whole
 
-    def __call__(self, buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Odometry, str]:
+    def __call__(self, buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Odometry | BodyPose, str]:
         start, end = offset + 4, offset + length
         head = bytes(buffer[start + 8 : start + 8 + len(self._head)])
         if not self._head or head != self._head:
@@ -93,14 +123,21 @@ class _OdometryDecoder:
         at = start + self._body
         if at + 680 > end:
             raise ValueError("message is shorter than its type")
-        x, y, _, qx, qy, qz, qw, vx, vy, _, _, _, wz = _ODOMETRY.unpack_from(buffer, at)
+        x, y, z, qx, qy, qz, qw, pose, vx, vy, vz, wx, wy, wz, twist = _ODOMETRY.unpack_from(buffer, at)
+        if pose == _ABSENT:
+            x = y = math.nan
+        if twist == _ABSENT:
+            vx = vy = vz = wx = wy = wz = math.nan
+        if self._whole:
+            rotation = _turn((qx, qy, qz, qw))
+            return BodyPose(stamp_ns, (x, y, z), rotation, (vx, vy, vz), (wx, wy, wz)), self._frame
         return Odometry(stamp_ns, x, y, yaw_of(qx, qy, qz, qw), vx, vy, wz), self._frame
 
     def _parse(self, buffer: Any, start: int, end: int) -> None:
         self._head = b""
         _, at = _after_string(buffer, start, start + 8, end)
         name, at = _after_string(buffer, start, at, end)
-        self._frame = bytes(buffer[at - name : at - 1]).decode() if name > 1 else ""
+        self._frame = bytes(buffer[at - name : at - 1]).decode().lstrip("/") if name > 1 else ""
         self._body = at + -(at - start) % 8 - start
         self._head = bytes(buffer[start + 8 : at])
 
@@ -143,10 +180,18 @@ def transforms(buffer: Any, offset: int, length: int) -> list[Transform]:
     return found
 
 
-def _via_rosbags(schema: str, convert: Callable[[Any, int], tuple[Event, str]]) -> Decoder:
+def _turn(rotation: Quaternion) -> Quaternion:
+    """The quaternion of length 1. Raises ValueError for one that is all zero."""
+    try:
+        return unit(rotation)
+    except ValueError:
+        raise ValueError("field 'orientation' is all zero or not finite: a quaternion that says nothing") from None
+
+
+def _via_rosbags(schema: str, convert: Callable[[Any, int], tuple[Event | Raw, str]]) -> Decoder:
     store = typestore()
 
-    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event, str]:
+    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event | Raw, str]:
         try:
             message = store.deserialize_cdr(memoryview(buffer)[offset : offset + length], schema)
         except Exception as error:  # rosbags raises whatever its generated code trips over
@@ -163,31 +208,52 @@ def _joint_state(m: Any, t: int) -> tuple[Wheels, str]:
     return Wheels(t, tuple(m.name), position, velocity), ""
 
 
-def _twist_stamped(m: Any, t: int) -> tuple[Twist, str]:
-    return Twist(t, m.twist.linear.x, m.twist.linear.y, m.twist.angular.z), ""
+def _vector(v: Any) -> Vector:
+    return v.x, v.y, v.z
+
+
+def _twist_stamped(m: Any, t: int) -> tuple[BodySpeed, str]:
+    return BodySpeed(t, _vector(m.twist.linear), _vector(m.twist.angular)), m.header.frame_id
+
+
+def _twist_covariance(m: Any, t: int) -> tuple[BodySpeed, str]:
+    if m.twist.covariance[0] == _ABSENT:
+        raise ValueError("field 'twist' is marked absent (covariance[0] is -1)")
+    return BodySpeed(t, _vector(m.twist.twist.linear), _vector(m.twist.twist.angular)), m.header.frame_id
+
+
+def _twist(m: Any, t: int) -> tuple[BodySpeed, str]:
+    return BodySpeed(t, _vector(m.linear), _vector(m.angular)), ""
 
 
 def _ackermann(m: Any, t: int) -> tuple[Steering, str]:
     return Steering(t, m.drive.speed, m.drive.steering_angle), ""
 
 
-def _imu_rate(m: Any, t: int) -> tuple[YawRate, str]:
-    return YawRate(t, m.angular_velocity.z), m.header.frame_id
+def _imu_rate(m: Any, t: int) -> tuple[Gyroscope, str]:
+    if m.angular_velocity_covariance[0] == _ABSENT:
+        raise ValueError(
+            "field 'angular_velocity' is marked absent (angular_velocity_covariance[0] is -1): the sensor has no gyroscope"
+        )
+    pulled = UNKNOWN if m.linear_acceleration_covariance[0] == _ABSENT else _vector(m.linear_acceleration)
+    return Gyroscope(t, _vector(m.angular_velocity), pulled), m.header.frame_id
 
 
-def _imu_heading(m: Any, t: int) -> tuple[Heading, str]:
-    if m.orientation_covariance[0] == -1:
+def _imu_heading(m: Any, t: int) -> tuple[Attitude, str]:
+    if m.orientation_covariance[0] == _ABSENT:
         raise ValueError("field 'orientation' is marked absent (orientation_covariance[0] is -1)")
     q = m.orientation
     variance = m.orientation_covariance[8]
-    return heading(yaw_of(q.x, q.y, q.z, q.w), math.sqrt(variance) if variance > 0 else math.nan, t), m.header.frame_id
+    return Attitude(
+        t, _turn((q.x, q.y, q.z, q.w)), math.sqrt(variance) if variance > 0 else math.nan
+    ), m.header.frame_id
 
 
-def _field(m: Any, t: int) -> tuple[Heading, str]:
+def _field(m: Any, t: int) -> tuple[Magnetometer, str]:
     f = m.magnetic_field
     if not (math.isfinite(f.x) and math.isfinite(f.y)) or f.x == f.y == 0.0:
         raise ValueError("field 'magnetic_field' has no horizontal direction (x and y are NaN or both zero)")
-    return Heading(t, compass.heading(f.x, f.y), math.nan), m.header.frame_id
+    return Magnetometer(t, (f.x, f.y, f.z if math.isfinite(f.z) else 0.0)), m.header.frame_id
 
 
 def _range(m: Any, t: int) -> tuple[Range, str]:
@@ -199,8 +265,60 @@ def _pose_stamped(m: Any, t: int) -> tuple[Truth, str]:
     return Truth(t, p.x, p.y, yaw_of(q.x, q.y, q.z, q.w)), m.header.frame_id
 
 
-def _odometry_truth(m: Any, t: int) -> tuple[Truth, str]:
-    return _pose_stamped(type("P", (), {"pose": m.pose.pose, "header": m.header}), t)
+def _pose_covariance(m: Any, t: int) -> tuple[Truth, str]:
+    if m.pose.covariance[0] == _ABSENT:
+        raise ValueError("field 'pose' is marked absent (covariance[0] is -1)")
+    p, q = m.pose.pose.position, m.pose.pose.orientation
+    return Truth(t, p.x, p.y, yaw_of(q.x, q.y, q.z, q.w)), m.header.frame_id
+
+
+def _as_odometry(convert: Callable[[Any, int], tuple[Truth, str]]) -> Callable[[Any, int], tuple[Odometry, str]]:
+    """Poses of the base, which have no child frame, as odometry."""
+    return lambda m, t: (Odometry(*convert(m, t)[0]), "")
+
+
+class _NavSat:
+    """Fixes of a satellite receiver as places on the plane that touches the earth at the first one: x east, y north (m).
+
+    No heading, and no height. WGS 84; within 10 km of the first fix the plane is right to 1 cm per km.
+    """
+
+    _RADIUS_M, _SQUASHED = 6378137.0, 6.69437999014e-3
+
+    def __init__(self) -> None:
+        self._first: tuple[float, float] | None = None
+        self._per_rad = (0.0, 0.0)
+
+    def __call__(self, m: Any, t: int) -> tuple[Truth, str]:
+        if m.status.status < 0:
+            raise ValueError("field 'status' says that there is no fix")
+        latitude, longitude = math.radians(m.latitude), math.radians(m.longitude)
+        if self._first is None:
+            self._first = latitude, longitude
+            bent = 1.0 - self._SQUASHED * math.sin(latitude) ** 2
+            across = self._RADIUS_M / math.sqrt(bent)
+            self._per_rad = across * math.cos(latitude), across * (1.0 - self._SQUASHED) / bent
+        east = math.remainder(longitude - self._first[1], 2 * math.pi) * self._per_rad[0]
+        return Truth(t, east, (latitude - self._first[0]) * self._per_rad[1], math.nan), m.header.frame_id
+
+
+def _echoes(m: Any, t: int) -> tuple[Scan, str]:
+    """Of several echoes of a beam the strongest, or the first where the log has no intensities."""
+    ranges = np.full(len(m.ranges), np.inf, np.float32)
+    for k, beam in enumerate(m.ranges):
+        echoes = np.asarray(beam.echoes, np.float32)
+        good = np.flatnonzero(np.isfinite(echoes) & (echoes >= m.range_min) & (echoes <= m.range_max))
+        if good.size:
+            strengths = np.asarray(m.intensities[k].echoes) if k < len(m.intensities) else np.empty(0)
+            best = good[np.argmax(strengths[good])] if strengths.size == echoes.size else good[0]
+            ranges[k] = echoes[best]
+    low, step = m.angle_min, m.angle_increment
+    times = _times(m.time_increment, m.scan_time)
+    return Scan(t, ranges, low, step, m.range_min, m.range_max, Pose2(), EVENLY, *times), m.header.frame_id
+
+
+def _cloud(m: Any, t: int) -> tuple[Cloud, str]:
+    return Cloud(t, points_of(m)), m.header.frame_id
 
 
 def _markings(m: Any, t: int) -> tuple[LinePoints, str]:
@@ -217,15 +335,21 @@ def _along(segment: Any) -> Any:
     return a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
 
 
-def _polar(t: int, ids: list[str], xy: list[tuple[float, float]]) -> Landmarks:
-    points = np.array(xy, float).reshape(-1, 2)
-    bearing = np.array([math.atan2(y, x) for x, y in points])
-    return Landmarks(t, tuple(ids), np.hypot(points[:, 0], points[:, 1]), bearing, np.full((len(ids), 2), np.nan))
+def polar(spots: Spots) -> Landmarks:
+    """Places as landmarks: range and bearing, seen from above."""
+    x, y = spots.points_m[:, 0], spots.points_m[:, 1]
+    bearing = np.array([math.atan2(b, a) for a, b in zip(x.tolist(), y.tolist(), strict=True)])
+    return Landmarks(spots.stamp_ns, spots.ids, np.hypot(x, y), bearing, np.full((len(spots.ids), 2), np.nan))
 
 
-def _detections(m: Any, t: int) -> tuple[Landmarks, str]:
-    xy = [(d.bbox.center.position.x, d.bbox.center.position.y) for d in m.detections]
-    return _polar(t, _ids(m.detections), xy), m.header.frame_id
+def _spots(t: int, ids: list[str], places: list[Any]) -> Spots:
+    """places: points with x, y and, where they have one, z."""
+    rows = [(p.x, p.y, getattr(p, "z", 0.0)) for p in places]
+    return Spots(t, tuple(ids), np.array(rows, float).reshape(-1, 3))
+
+
+def _detections(m: Any, t: int) -> tuple[Spots, str]:
+    return _spots(t, _ids(m.detections), [d.bbox.center.position for d in m.detections]), m.header.frame_id
 
 
 def _ids(detections: Any) -> list[str]:
@@ -233,36 +357,40 @@ def _ids(detections: Any) -> list[str]:
     return [(d.results[0].hypothesis.class_id if len(d.results) else "") or d.id for d in detections]
 
 
-def _crossings(m: Any, t: int) -> tuple[Landmarks, str]:
-    xy = [(i.center.position.x, i.center.position.y) for i in m.intersections]
-    xy += [(e.center.position.x, e.center.position.y) for e in m.ellipses]
+def _crossings(m: Any, t: int) -> tuple[Spots, str]:
+    places = [i.center.position for i in m.intersections] + [e.center.position for e in m.ellipses]
     ids = [{2: "corner", 3: "tee", 4: "cross"}.get(i.num_rays, "") for i in m.intersections] + ["circle"] * len(
         m.ellipses
     )
-    return _polar(t, ids, xy), m.header.frame_id
+    return _spots(t, ids, places), m.header.frame_id
 
 
-def _goalposts(m: Any, t: int) -> tuple[Landmarks, str]:
-    xy = [(p.bb.center.position.x, p.bb.center.position.y) for p in m.posts]
-    return _polar(t, ["post"] * len(m.posts), xy), m.header.frame_id
+def _goalposts(m: Any, t: int) -> tuple[Spots, str]:
+    return _spots(t, ["post"] * len(m.posts), [p.bb.center.position for p in m.posts]), m.header.frame_id
 
 
 def _detections_2d(m: Any, t: int) -> tuple[Landmarks, str]:
-    xy = [(d.bbox.center.position.x, d.bbox.center.position.y) for d in m.detections]
     # polar only in the image's frame: replay takes its centre off before it means anything
-    return _polar(t, _ids(m.detections), xy)._replace(pixels=True), ""
+    seen = polar(_spots(t, _ids(m.detections), [d.bbox.center.position for d in m.detections]))
+    return seen._replace(pixels=True), ""
 
 
 _ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
     ("encoders", "sensor_msgs/msg/JointState"): _joint_state,
+    ("odometry", "geometry_msgs/msg/PoseStamped"): _as_odometry(_pose_stamped),
+    ("odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"): _as_odometry(_pose_covariance),
     ("twist", "geometry_msgs/msg/TwistStamped"): _twist_stamped,
+    ("twist", "geometry_msgs/msg/TwistWithCovarianceStamped"): _twist_covariance,
+    ("twist", "geometry_msgs/msg/Twist"): _twist,
+    ("scan", "sensor_msgs/msg/MultiEchoLaserScan"): _echoes,
+    ("scan", "sensor_msgs/msg/PointCloud2"): _cloud,
     ("twist", "ackermann_msgs/msg/AckermannDriveStamped"): _ackermann,
     ("imu", "sensor_msgs/msg/Imu"): _imu_rate,
     ("compass", "sensor_msgs/msg/Imu"): _imu_heading,
     ("compass", "sensor_msgs/msg/MagneticField"): _field,
     ("range", "sensor_msgs/msg/Range"): _range,
     ("truth", "geometry_msgs/msg/PoseStamped"): _pose_stamped,
-    ("truth", "nav_msgs/msg/Odometry"): _odometry_truth,
+    ("truth", "geometry_msgs/msg/PoseWithCovarianceStamped"): _pose_covariance,
     ("lines", "soccer_vision_3d_msgs/msg/MarkingArray"): _markings,
     ("landmarks", "vision_msgs/msg/Detection3DArray"): _detections,
     ("landmarks", "vision_msgs/msg/Detection2DArray"): _detections_2d,
@@ -271,14 +399,27 @@ _ROS: dict[tuple[str, str], Callable[[Any, int], tuple[Any, str]]] = {
 }
 
 
-def decoder(role: str, schema: str) -> Decoder:
-    """How a message of type `schema` is read in `role`."""
+def decoder(role: str, schema: str, whole: bool = False) -> Decoder:
+    """How a message of type `schema` is read in `role`; whole: odometry in space, as a `BodyPose`."""
     if (role, schema) == ("scan", "sensor_msgs/msg/LaserScan"):
         return _scan
-    if (role, schema) == ("odometry", "nav_msgs/msg/Odometry"):
-        return _OdometryDecoder()
+    if schema == "nav_msgs/msg/Odometry":
+        return _OdometryDecoder(whole) if whole or role == "odometry" else _odometry_truth()
+    if (role, schema) == ("truth", "sensor_msgs/msg/NavSatFix"):
+        return _via_rosbags(schema, _NavSat())
     if role == "source_stamp":
         return _source_stamp
     if schema.startswith("pfcli."):
         return json_messages.decoder(schema)
     return _via_rosbags(schema, _ROS[role, schema])
+
+
+def _odometry_truth() -> Decoder:
+    """Odometry of the base as truth."""
+    read = _OdometryDecoder()
+
+    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Truth, str]:
+        event, frame = read(buffer, offset, length, stamp_ns)
+        return Truth(*event[:4]), frame
+
+    return decode

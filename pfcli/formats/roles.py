@@ -17,10 +17,17 @@ from pfcli.events import (
 )
 
 ROLES: dict[str, dict[str, type]] = {
-    "odometry": {"nav_msgs/msg/Odometry": Odometry, "pfcli.Odometry": Odometry},
+    "odometry": {
+        "nav_msgs/msg/Odometry": Odometry,
+        "pfcli.Odometry": Odometry,
+        "geometry_msgs/msg/PoseWithCovarianceStamped": Odometry,
+        "geometry_msgs/msg/PoseStamped": Odometry,
+    },
     "encoders": {"sensor_msgs/msg/JointState": Wheels, "pfcli.WheelEncoders": Ticks},
     "twist": {
         "geometry_msgs/msg/TwistStamped": Twist,
+        "geometry_msgs/msg/TwistWithCovarianceStamped": Twist,
+        "geometry_msgs/msg/Twist": Twist,
         "ackermann_msgs/msg/AckermannDriveStamped": Steering,
         "pfcli.Twist": Twist,
         "pfcli.Ackermann": Steering,
@@ -31,7 +38,12 @@ ROLES: dict[str, dict[str, type]] = {
         "sensor_msgs/msg/MagneticField": Heading,
         "sensor_msgs/msg/Imu": Heading,
     },
-    "scan": {"sensor_msgs/msg/LaserScan": Scan, "pfcli.LaserScan": Scan},
+    "scan": {
+        "sensor_msgs/msg/LaserScan": Scan,
+        "pfcli.LaserScan": Scan,
+        "sensor_msgs/msg/MultiEchoLaserScan": Scan,
+        "sensor_msgs/msg/PointCloud2": Scan,
+    },
     "range": {"sensor_msgs/msg/Range": Range, "pfcli.Range": Range},
     "lines": {
         "pfcli.LinePoints": LinePoints,
@@ -48,6 +60,8 @@ ROLES: dict[str, dict[str, type]] = {
         "geometry_msgs/msg/PoseStamped": Truth,
         "pfcli.Pose2D": Truth,
         "nav_msgs/msg/Odometry": Truth,
+        "geometry_msgs/msg/PoseWithCovarianceStamped": Truth,
+        "sensor_msgs/msg/NavSatFix": Truth,
     },
     "source_stamp": {"std_msgs/msg/String": SourceStamp},
 }

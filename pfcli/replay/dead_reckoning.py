@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.motion import wheels
+from pfcli.core.motion import joint_wraps, wheels
 from pfcli.dropped import Dropped
 from pfcli.errors import UsageError
 from pfcli.events import Event, Odometry, Steering, Ticks, Twist, Wheels, YawRate
+from pfcli.replay.odometry_resets import OdometryResets
 from pfcli.replay.settings import Drive
 
 SECOND = 1_000_000_000
@@ -41,6 +42,8 @@ class DeadReckoning:
         self._wheels: NDArray[Any] | None = None
         self.jacobian: wheels.Jacobian | None = None
         self.rolled = np.zeros((2, 0))
+        self._may_wrap, self._joint_rate = np.empty(0, np.bool_), np.empty(0)
+        self._resets = OdometryResets(self._loss)
         self._yaw_rate = 0.0
         self._speed = 0.0
 
@@ -48,7 +51,7 @@ class DeadReckoning:
         """The odometry pose after this event, or None where it says nothing about motion yet."""
         if isinstance(event, Odometry):
             if self._source == "odometry":
-                return event
+                return self._resets(event)
             if self._source == "imu":
                 self._speed = event.vx_mps
                 return None
@@ -119,20 +122,35 @@ class DeadReckoning:
             before, self._wheels = self._wheels, counts
             if before is None:
                 return self._stand(event.stamp_ns)
-            steps = [_unwrapped(now - old) for now, old in zip(counts.tolist(), before.tolist(), strict=True)]
+            steps = [_unwrapped(now, old) for now, old in zip(counts.tolist(), before.tolist(), strict=True)]
             return self._wheel_step(event.stamp_ns, np.array(steps) * turn)
         position = event.position_rad[self._order]
         if np.isfinite(position).all():
             before, self._wheels = self._wheels, position
             if before is None:
                 return self._stand(event.stamp_ns)
-            return self._wheel_step(event.stamp_ns, (position - before) * turn)
+            angles = self._unwrapped(event, (position - before) * turn, before * turn, position * turn)
+            return self._wheel_step(event.stamp_ns, angles)
         rolling = event.velocity_radps[self._order] * self._radius
         if self._last_ns is not None and np.isfinite(rolling).all():
             travel = rolling * (event.stamp_ns - self._last_ns) / SECOND
             self.rolled = self.rolled + np.stack([travel, np.abs(travel)])
         speed = self.back @ rolling
         return self._integrate(event.stamp_ns, (float(speed[0]), float(speed[1]), float(speed[2])))
+
+    def _unwrapped(self, event: Wheels, step: NDArray[Any], before: NDArray[Any], now: NDArray[Any]) -> NDArray[Any]:
+        """Steps of joints (rad) that may be reported within one turn; what is expected is as fast as the joints say they turn,
+        or as they turned before."""
+        self._may_wrap = self._may_wrap & joint_wraps.within_a_turn(before) & joint_wraps.within_a_turn(now)
+        seconds = 0.0 if self._last_ns is None else (event.stamp_ns - self._last_ns) / SECOND
+        said = event.velocity_radps[self._order]
+        rate = said if np.isfinite(said).all() and not self._drive.ticks_per_turn else self._joint_rate
+        angles, wraps = joint_wraps.unwrapped(step, rate * seconds, self._may_wrap)
+        if wraps:
+            self._loss.read["wraps of wheel joints"] += wraps
+        if seconds > 0.0:
+            self._joint_rate = angles / seconds
+        return angles
 
     def _stand(self, stamp_ns: int) -> Odometry:
         """The first reading of counters says where they stand, not how far the wheels came."""
@@ -182,8 +200,16 @@ class DeadReckoning:
         self.jacobian = jacobian
         if self.rolled.shape[1] != count:
             self.rolled = np.zeros((2, count))
+            self._may_wrap, self._joint_rate = np.ones(count, np.bool_), np.zeros(count)
 
 
-def _unwrapped(difference: int) -> int:
-    """Tick difference of a 32 bit counter that may have wrapped."""
-    return (difference + (1 << 31)) % (1 << 32) - (1 << 31) if abs(difference) > 1 << 31 else difference
+def _unwrapped(now: int, before: int) -> int:
+    """Tick difference of a counter of 32 or 16 bits that may have wrapped."""
+    difference = now - before
+    for bits in (32, 16):
+        half, whole = 1 << (bits - 1), 1 << bits
+        both = (now, before)
+        fits = bits == 32 or (max(both) < whole and min(both) >= 0) or (max(both) < half and min(both) >= -half)
+        if abs(difference) > half and fits:
+            return (difference + half) % whole - half
+    return difference

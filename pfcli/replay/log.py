@@ -4,32 +4,32 @@ The order is total: (stamp, rank of the topic's role, sequence), made by a reord
 where a role of the run asks for their topic. What is lost on the way is counted, never silent.
 """
 
-import math
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pfcli.dropped import Dropped
-from pfcli.errors import LogError, UsageError, printable
-from pfcli.events import Event, Heading, Landmarks, LinePoints, Odometry, Range, Scan, Truth
+from pfcli.errors import UsageError, printable
+from pfcli.events import Event
 from pfcli.formats import json_messages
-from pfcli.formats.extrinsics import Extrinsics, Mount, from_transform
 from pfcli.formats.limits import Reading
-from pfcli.formats.messages import SECOND, Decoder, Transform, decoder, transforms, yaw_of
+from pfcli.formats.messages import SECOND, decoder
 from pfcli.formats.reader import Channel, Wanted
 from pfcli.formats.recording import Recording
 from pfcli.formats.roles import MANY, ROLES
-from pfcli.replay import plausible, vision
-from pfcli.replay.reorder import Reorder, Source, Stamp, Waiting
+from pfcli.replay import plausible
+from pfcli.replay.frames.base_readings import BaseReadings, Setup
+from pfcli.replay.frames.log_frames import LogFrames
+from pfcli.replay.frames.robot_frames import Wanted as WantedFrames
+from pfcli.replay.frames.transform_source import pair_of
+from pfcli.replay.reorder import Reorder, Source, Waiting
 from pfcli.replay.settings import Settings
 
 SOURCE_STAMP_TOPIC = "/source_stamp"
-_TF = "tf2_msgs/msg/TFMessage"
 _TRUTH_NAMES = ("truth", "ground_truth", "groundtruth", "mocap", "reference")
-_MOUNTED = (Scan, Range, LinePoints, Landmarks, Heading)
+_POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_msgs/msg/NavSatFix")
+_COMMAND = "geometry_msgs/msg/Twist"
 _VISION = ("lines", "landmarks")
 _PLACES = 10
 """So many damaged places of a log are named; the others are counted."""
@@ -48,7 +48,8 @@ class Log:
         self.path = self._file.path
         self.damage = f" ({self._file.losses[0].partition(': ')[2]})" if self._file.losses else ""
         """What a survey that found damage says of it, for messages about what the log lacks."""
-        self._extrinsics = self._read_extrinsics()
+        wanted = WantedFrames(settings.base_frame, settings.robot, tuple(settings.extrinsics))
+        self.frames = LogFrames(self._file, self.path, wanted)
 
     @property
     def channels(self) -> list[Channel]:
@@ -70,7 +71,40 @@ class Log:
             for topic, schema in self.topics().items():
                 if schema in types and _fits(role, topic, schema) and self._is_free(role, topic, schema):
                     found.setdefault(role, []).append(topic)
-        return found
+        if "twist" not in self.settings.topics:
+            found["twist"] = self._measured(found.get("twist", []), bool(found.get("odometry")))
+        return {
+            role: self._own(topics) if role not in self.settings.topics else topics for role, topics in found.items()
+        }
+
+    def _own(self, topics: list[str]) -> list[str]:
+        """Topics of the robot that --robot names, where it has some."""
+        name = self.settings.robot.strip("/")
+        return [t for t in topics if t.strip("/").startswith(f"{name}/")] or topics if name else topics
+
+    def _measured(self, topics: list[str], odometry: bool) -> list[str]:
+        """Speeds without a stamp are commands: they count where the log has no other speeds, and no odometry."""
+        measured = [t for t in topics if self.topics()[t] != _COMMAND]
+        return measured if measured or odometry else topics
+
+    def only_commands(self) -> bool:
+        """Whether all speeds that the log has are commands, which nobody has measured."""
+        return "twist" not in self.settings.topics and all(
+            self.topics()[t] == _COMMAND for t in self.roles().get("twist", [])
+        )
+
+    def take_transforms(self) -> bool:
+        """Take the odometry from /tf where no topic has it; False where /tf has none. Raises UsageError where there are
+        several."""
+        if self.roles().get("odometry"):
+            return True
+        found = self.frames.proposed()
+        if len(found) > 1:
+            flags = ", ".join(f"--topic odometry={printable(t)}" for t in found)
+            raise UsageError(f"{self.path}: several transforms can be the odometry: {flags}; choose one")
+        if found:
+            self.settings = self.settings._replace(topics={**self.settings.topics, "odometry": found[0]})
+        return bool(found)
 
     def _is_free(self, role: str, topic: str, schema: str) -> bool:
         """Whether nobody gave this topic another role; one topic of vision may hold lines and landmarks. Pixels without a
@@ -90,56 +124,60 @@ class Log:
             )
         return topics[0] if topics else None
 
-    def _read_extrinsics(self) -> Extrinsics:
-        found = Extrinsics()
-        static = {c.id for c in self.channels if c.schema_name == _TF and c.topic.endswith("tf_static")}
-        if static:
-            for batch in self._file.batches(Wanted(frozenset(static))):
-                for k in np.flatnonzero(np.isin(batch.channel, list(static))).tolist():
-                    for t in transforms(batch.data, int(batch.offset[k]), int(batch.length[k])):
-                        found.add(t.parent, t.child, from_transform(t.translation, t.rotation))
-        found.add_flags(self.settings.extrinsics)
-        return found
-
     def events(self, roles: Sequence[str]) -> Iterator[Event]:
         """Events of the topics that play `roles`, in the total order."""
+        self.dropped, reading = Dropped(), self.settings
+        self.frames.settle(self._odometry(roles))
         sources = [s for role in roles for s in self._sources(role)]
-        self.dropped = Dropped()
-        mounts: dict[str, Mount] = {}
-        reading = self.settings
+        self.frames.prepare(sources)
+        setup = Setup(reading.image, reading.landmark_ranges, reading.band)
+        placed = BaseReadings(self.frames.robot, setup, self.dropped)
         offsets = {role: int(s * SECOND) for role, s in reading.offsets_s.items()}
         room = int(reading.limits.buffer_mib * 2**20)
         waiting = Waiting(int(reading.reorder_s * SECOND), room, reading.clock, offsets)
         order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped)
         for source, buffer, offset, length, stamp_ns in order.messages(self._file.batches(_wanted(sources))):
-            event = self._decoded(source, buffer, offset, length, stamp_ns, mounts)
+            event = self._decoded(source, buffer, offset, length, stamp_ns, placed)
             if event is not None:
                 yield event
+        for note in self.frames.notes():
+            self.dropped.add("quaternion", note)
+        if self.frames.tree.scaled:
+            self.dropped.read["transforms whose quaternion was normalised"] = len(self.frames.tree.scaled)
         for note in self._file.losses:
             self.dropped.add("damaged place", note, _PLACES)
         self.dropped.notes += self._file.notes
         if self._file.missing:
             self.dropped.counts["missing message"] += self._file.missing
 
+    def _odometry(self, roles: Sequence[str]) -> str | None:
+        """The topic whose child frame is the robot's base: the odometry that is read, else the first that the log has."""
+        if "odometry" in roles:
+            return self.choose("odometry")
+        topics = self.roles().get("odometry", [])
+        return topics[0] if topics else None
+
     def _sources(self, role: str) -> list[Source]:
         topics = self.roles().get(role, []) if role in MANY else [self.choose(role)]
-        sources = []
+        sources: list[Source] = []
         for topic in topics:
             if topic is None:
                 continue
-            name, _, frames = topic.partition(":") if topic.lstrip("/").startswith("tf:") else (topic, "", "")
-            name = "/tf" if frames else name
-            channels = [c for c in self.channels if c.topic == name]
+            pair = pair_of(topic)
+            if pair is not None:
+                sources += self.frames.sources(role, pair, f"--topic {role}={topic}")
+                continue
+            channels = [c for c in self.channels if c.topic == topic]
             if not channels:
                 have = ", ".join(printable(t) for t in self.topics()) or "none"
                 raise UsageError(f"{self.path}: --topic {role}={topic}: no such topic; the log has {have}{self.damage}")
-            sources += [self._source(role, topic, frames, _with_schema(role, c)) for c in channels]
+            sources += [self._source(role, _with_schema(role, c)) for c in channels]
         return sources
 
-    def _source(self, role: str, topic: str, frames: str, channel: Channel) -> Source:
+    def _source(self, role: str, channel: Channel) -> Source:
         """Raises UsageError where the role cannot be played by the channel's type or encoding."""
-        where, schema = f"{self.path}: topic {printable(topic)!r}", channel.schema_name
-        if not frames and schema not in ROLES[role]:
+        where, schema = f"{self.path}: topic {printable(channel.topic)!r}", channel.schema_name
+        if schema not in ROLES[role]:
             legal = ", ".join(ROLES[role])
             raise UsageError(f"{where} has type {printable(schema) or 'none'}; the {role} can be {legal}")
         encoding = "json" if schema.startswith("pfcli.") else "cdr"
@@ -147,14 +185,12 @@ class Log:
             raise UsageError(
                 f"{where} ({printable(schema)}) is encoded as {printable(channel.encoding)!r}; pfcli reads it as {encoding}"
             )
-        if frames:
-            return Source(role, channel, *_of_transform(role, frames), where)
-        return Source(
-            role, channel, decoder(role, schema), json_messages.stamp_of if encoding == "json" else None, where
-        )
+        whole = schema == "nav_msgs/msg/Odometry" and self.frames.elsewhere(channel)
+        stamp = json_messages.stamp_of if encoding == "json" else None
+        return Source(role, channel, decoder(role, schema, whole), stamp, where)
 
     def _decoded(
-        self, source: Source, buffer: Any, offset: int, length: int, stamp_ns: int, mounts: dict[str, Mount]
+        self, source: Source, buffer: Any, offset: int, length: int, stamp_ns: int, placed: BaseReadings
     ) -> Event | None:
         """The event of a message in the base frame; None where it cannot be read, which is counted."""
         try:
@@ -162,7 +198,7 @@ class Log:
             trouble = plausible.fault(event)
             if trouble:
                 raise ValueError(trouble)
-            mount = self._mount(source, frame, mounts) if isinstance(event, _MOUNTED) else None
+            found = placed(source, event, frame)
         except KeyError:
             return None
         except (ValueError, OverflowError, struct.error) as error:
@@ -170,44 +206,7 @@ class Log:
             self.dropped.add("unreadable message", note)
             return None
         self.dropped.read[source.role] += 1
-        return event if mount is None else self._placed(source, event, frame, mount)
-
-    def _mount(self, source: Source, frame: str, mounts: dict[str, Mount]) -> Mount:
-        """Where the sensor sits. A frame that nobody knows is an error of the set-up, and one of the message where others of
-        the topic had one that is known."""
-        found = mounts.get(frame)
-        if found is None:
-            try:
-                found = self._extrinsics.mount(frame, self.path, source.channel.topic)
-            except LogError:
-                if self.dropped.read[source.role]:
-                    raise ValueError(f"names the frame {frame!r}, which nothing else does") from None
-                raise
-            mounts[frame] = found
         return found
-
-    def _placed(self, source: Source, event: Any, frame: str, mount: Mount) -> Event:
-        """A reading in the base frame."""
-        if isinstance(event, Scan):
-            if not mount.flipped:
-                return Scan(*event[:6], mount.pose)
-            return event._replace(
-                mount=mount.pose,
-                angle_min_rad=-event.angle_min_rad,
-                angle_increment_rad=-event.angle_increment_rad,
-            )
-        if isinstance(event, Range):
-            return event._replace(topic=source.channel.topic, mount=mount.pose)
-        if not mount.upright:
-            raise UsageError(
-                f"{source.where}: frame {printable(frame)!r} is not upright; give points on the ground in a frame whose z"
-                " points up, or say --extrinsic base_link:FRAME=x,y,yaw"
-            )
-        if isinstance(event, Heading):
-            return event._replace(yaw_rad=math.remainder(event.yaw_rad - mount.pose.yaw_rad, 2 * math.pi))
-        if isinstance(event, Landmarks) and self.settings.landmark_ranges == "depth":
-            event = vision.distances(event, source.where, self.dropped)
-        return vision.placed(event, mount.pose, self.settings.image, source.where, self.dropped)
 
 
 def _wanted(sources: Sequence[Source]) -> Wanted:
@@ -226,32 +225,11 @@ def _with_schema(role: str, channel: Channel) -> Channel:
 def _fits(role: str, topic: str, schema: str) -> bool:
     """Types that could play several roles are told apart by the topic's name."""
     named_truth = any(word in topic.lower() for word in _TRUTH_NAMES)
-    if schema in ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"):
+    if schema == "nav_msgs/msg/Odometry":
         return named_truth == (role == "truth")
+    if schema in _POSES:
+        # a pose of unknown origin is odometry only where the user says so, and a robot's own localisation is no truth
+        return role == "truth" and named_truth
     if role == "compass" and schema == "sensor_msgs/msg/Imu":
         return "compass" in topic.lower()
     return topic == SOURCE_STAMP_TOPIC if role == "source_stamp" else True
-
-
-def _of_transform(role: str, frames: str) -> tuple[Decoder, Stamp]:
-    """Read `parent.child` out of /tf messages as odometry or truth; its stamp is that of the transform."""
-    parent, _, child = frames.partition(".")
-    kind = Truth if role == "truth" else Odometry
-
-    def find(buffer: Any, offset: int, length: int) -> Transform | None:
-        for t in transforms(buffer, offset, length):
-            if t.parent.lstrip("/") == parent and t.child.lstrip("/") == child:
-                return t
-        return None
-
-    def stamp(payload: bytes) -> int | None:
-        found = find(payload, 0, len(payload))
-        return None if found is None else found.stamp_ns
-
-    def decode(buffer: Any, offset: int, length: int, stamp_ns: int) -> tuple[Event, str]:
-        found = find(buffer, offset, length)
-        if found is None:
-            raise KeyError
-        return kind(stamp_ns, *found.translation[:2], yaw_of(*found.rotation)), ""
-
-    return decode, stamp

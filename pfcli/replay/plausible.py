@@ -8,6 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from pfcli.events import Event, Heading, Odometry, Range, Scan, Steering, Truth, Twist, YawRate
+from pfcli.formats.messages import Raw
+from pfcli.formats.raw_readings import BodyPose, BodySpeed, Gyroscope
 
 FARTHEST_M = 1e8
 """Twice around the earth; coordinates of a map projection (UTM: 1e7 m) are well within."""
@@ -16,14 +18,16 @@ _TURNS_RAD = 1e6
 _WIDEST_RAD = 8 * math.pi
 
 
-def fault(event: Event) -> str:
+def fault(event: Event | Raw) -> str:
     """What is impossible about an event, '' if nothing. NaN is for those who read the value: it may mean 'not there'."""
     check = _CHECKS.get(type(event))
     return check(event) if check is not None else ""
 
 
 def _pose(event: Any) -> str:
-    if abs(event.x_m) <= FARTHEST_M and abs(event.y_m) <= FARTHEST_M and abs(event.yaw_rad) <= _TURNS_RAD:
+    """A heading that is NaN is not there."""
+    turned = abs(event.yaw_rad) <= _TURNS_RAD or event.yaw_rad != event.yaw_rad
+    if abs(event.x_m) <= FARTHEST_M and abs(event.y_m) <= FARTHEST_M and turned:
         return ""
     return f"has a pose that cannot be: {event.x_m:g}, {event.y_m:g} m, {event.yaw_rad:g} rad"
 
@@ -55,6 +59,9 @@ def _heading(event: Any) -> str:
 _CHECKS: dict[type, Callable[[Any], str]] = {
     Odometry: _odometry,
     Truth: _pose,
+    BodyPose: lambda e: "" if all(abs(v) <= FARTHEST_M for v in e.position_m) else "has a pose that cannot be",
+    BodySpeed: lambda e: _speeds(e.linear_mps + e.angular_radps),
+    Gyroscope: lambda e: _speeds(e.rates_radps),
     Twist: lambda e: _speeds((e.vx_mps, e.vy_mps, e.yaw_rate_radps)),
     Steering: lambda e: _speeds(tuple(e[1:])),
     YawRate: lambda e: _speeds(tuple(e[1:])),

@@ -96,9 +96,17 @@ class Image(NamedTuple):
         return np.column_stack([ahead, left]) / (100.0 * self.px_per_cm)
 
 
+class Band(NamedTuple):
+    """Heights above the floor (m) between which things are walls."""
+
+    low_m: float = 0.1
+    high_m: float = 2.0
+
+
 class Settings(NamedTuple):
     """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, the image of
-    vision that gives pixels, what landmarks' ranges are (one of `RANGES`), and limits."""
+    vision that gives pixels, what landmarks' ranges are (one of `RANGES`), limits, the base frame and the robot's namespace
+    ('': what the log says), and the heights that are walls."""
 
     topics: Mapping[str, str] = {}
     clock: str = "header"
@@ -110,3 +118,6 @@ class Settings(NamedTuple):
     image: Image | None = None
     landmark_ranges: str = RANGES[0]
     limits: Limits = Limits()
+    base_frame: str = ""
+    robot: str = ""
+    band: Band = Band()

@@ -116,10 +116,12 @@ def execute(job: Job) -> Run:
 
 
 def motion_source(log: Log, wanted: str) -> str:
-    """Where motion comes from: as asked, else the first of odometry, encoders, twist that the log has."""
-    if wanted != "auto":
-        return wanted
-    return next((role for role in ("odometry", "encoders", "twist") if log.choose(role)), "odometry")
+    """Where motion comes from: as asked, else the first of odometry, encoders, twist that the log has; transforms on /tf where
+    it has nothing else but commands."""
+    found = next((role for role in ("odometry", "encoders", "twist") if log.choose(role)), None)
+    if wanted == "odometry" or (wanted == "auto" and (found is None or (found == "twist" and log.only_commands()))):
+        return "odometry" if log.take_transforms() or wanted != "auto" else found or "odometry"
+    return wanted if wanted != "auto" else found or "odometry"
 
 
 def _reading(job: Job, log: Log) -> str:

@@ -18,12 +18,16 @@ from pfcli.formats import map_yaml, parquet, tum
 from pfcli.formats.folders import find
 from pfcli.params import to_toml
 from pfcli.registry import filter_of
-from pfcli.replay.settings import Drive
+from pfcli.replay.settings import Band, Drive
 from pfcli.runs.loop import Job, Run
 from pfcli.systems.shared.contract import Result
 
 _TIMES = 60
 """Points of the curve of update times."""
+
+
+_UNSAID: tuple[Any, ...] = (None, (), {}, "", Band())
+"""Settings that nobody has made."""
 
 
 def provenance(job: Job) -> dict[str, Any]:
@@ -34,7 +38,7 @@ def provenance(job: Job) -> dict[str, Any]:
         "seed": job.seed,
         "params": dict(sorted(vars_of(job.params).items())),
         "inputs": [{"name": path.name, "sha256": digest(path)} for path in find(job.paths).files],
-        "reading": {k: v for k, v in job.settings._asdict().items() if v not in (None, (), {}) and k != "limits"},
+        "reading": {k: v for k, v in job.settings._asdict().items() if v not in _UNSAID and k != "limits"},
         "motion": job.motion,
         **({"drive": list(job.drive)} if job.drive != Drive() else {}),
         **_place(job),

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.grid.tiles import Beams
 from pfcli.core.jit import kernel
+from pfcli.events import EVENLY
 
 
 class Points(NamedTuple):
@@ -21,7 +22,7 @@ class Points(NamedTuple):
 
 
 @kernel
-def _points(ranges, angle_min, increment, low, high, mount, stride, clear_m, cell_m):  # type: ignore[no-untyped-def]
+def _points(ranges, angle_min, increment, low, high, mount, stride, clear_m, cell_m, own):  # type: ignore[no-untyped-def]
     n = ranges.size
     ends, far, skip = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
     count, none, rest, invalid = 0, 0, 0, 0
@@ -32,7 +33,7 @@ def _points(ranges, angle_min, increment, low, high, mount, stride, clear_m, cel
         if not r > low or r <= 0.0:
             invalid += 1
             continue
-        angle = mount[2] + angle_min + k * increment
+        angle = mount[2] + angle_min + k * increment if own.size == 0 else mount[2] + own[k]
         cos, sin = np.cos(angle), np.sin(angle)
         if r >= high:
             none += 1
@@ -59,14 +60,15 @@ def points_of(
     stride: int,
     clear_m: float,
     cell_m: float,
+    bearings_rad: NDArray[np.float64] = EVENLY,
 ) -> Points:
-    """Points of a scan whose beam k points at angles[0] + k angles[1] (rad, sensor frame).
+    """Points of a scan whose beam k points at angles[0] + k angles[1] (rad, sensor frame), or at bearings_rad[k].
 
     limits_m: usable ranges; stride: every stride-th beam; clear_m: how far beams without a return clear (0: not).
     """
     ranges = np.array(ranges_m, np.float64)
     ends, far, skip, none, invalid = _points(
-        ranges, *angles, *limits_m, np.array(mount, np.float64), stride, clear_m, cell_m
+        ranges, *angles, *limits_m, np.array(mount, np.float64), stride, clear_m, cell_m, bearings_rad
     )
     return Points(ends, far, skip, none, invalid)
 

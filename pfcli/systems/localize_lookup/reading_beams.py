@@ -34,6 +34,8 @@ def _said(reading: Sweep | Sounding, params: Params) -> Beams:
     stride = max(1, -(-scan.ranges_m.size // params.beams))
     used, z = _usable(scan.ranges_m[::stride], scan.range_min_m, scan.range_max_m, params)
     angles = scan.angle_min_rad + scan.angle_increment_rad * stride * np.flatnonzero(used)
+    if scan.bearings_rad.size:
+        angles = scan.bearings_rad[::stride][used]
     mount = np.array([scan.mount], np.float64)
     return range_beams.beams_of(mount, np.array([z.size]), np.asarray(angles, np.float64), z)
 

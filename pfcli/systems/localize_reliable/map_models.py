@@ -121,5 +121,5 @@ def view_of(sweep: Sweep, params: Params) -> View:
     """The sensor as the decision model sees it."""
     scan = sweep.scan
     stride = max(1, -(-scan.ranges_m.size // params.beams))
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.arange(0, scan.ranges_m.size, stride)
+    angles = scan.angles_rad(stride)
     return View(np.array(scan.mount, np.float64), np.asarray(angles, np.float64), reach_m(sweep, params))

@@ -18,5 +18,5 @@ def usable_points(
     high = params.max_range_m or scan.range_max_m
     stride = 1 if most_beams is None else -(-scan.ranges_m.size // most_beams) or 1
     angles, limits = (scan.angle_min_rad, scan.angle_increment_rad), (scan.range_min_m, high)
-    points = points_of(scan.ranges_m, angles, limits, scan.mount, stride, min(clear_m, high), cell_m)
+    points = points_of(scan.ranges_m, angles, limits, scan.mount, stride, min(clear_m, high), cell_m, scan.bearings_rad)
     return points if points.ends.shape[0] else None

@@ -110,6 +110,7 @@ def _points(sweep: Sweep, params: Params) -> Points:
         stride,
         min(params.clear_no_return_m, high),
         params.resolution_m,
+        scan.bearings_rad,
     )
 
 
