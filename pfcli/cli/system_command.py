@@ -217,6 +217,10 @@ def _lines(summary: dict[str, Any], out: Path, readings: str) -> list[str]:
         f"{out}: {summary['scans']} {readings} over {summary['span_s']:.1f} s and {summary['way_m']:.1f} m,"
         f" {summary['updates']} updates in {seconds['loop']:.2f} s ({summary['ms_per_update']:.2f} ms each)"
     ]
+    if summary["last_pose"] is not None:
+        last = summary["last_pose"]
+        where = f"x {last['x_m']:.3f} m, y {last['y_m']:.3f} m, yaw {last['yaw_rad']:.4f} rad"
+        lines.append(f"last pose, after {last['after_s']:.1f} s: {where}")
     if "truth" in summary:
         t = summary["truth"]
         lines.append(

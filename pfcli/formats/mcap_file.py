@@ -16,6 +16,7 @@ from pfcli.errors import LogError, printable, reason
 from pfcli.formats import mcap_records as records
 from pfcli.formats.limits import DEFAULTS
 from pfcli.formats.mcap_chunks import Chunk, open_chunk, salvage
+from pfcli.formats.mcap_damage import Damage
 from pfcli.formats.mcap_records import MAGIC, Records, Walk
 from pfcli.formats.mcap_summary import ChunkIndex, chunk_index, statistics
 from pfcli.formats.reader import EVERYTHING, Batch, Channel, Span, Wanted, span_of
@@ -33,7 +34,7 @@ class McapFile:
     def __init__(self, path: Path, max_chunk_mib: float = DEFAULTS.chunk_mib) -> None:
         self.path = path
         self.channels: dict[int, Channel] = {}
-        self.losses: list[str] = []
+        self._damage = Damage(path)
         self.missing = 0
         """Messages that the file's own statistics count and the walk did not find."""
         self._limit = int(max_chunk_mib * 2**20)
@@ -78,6 +79,11 @@ class McapFile:
                     yield opcode, bytes(self._view[offset : offset + length])
 
     @property
+    def losses(self) -> list[str]:
+        """What could not be read on the last walk."""
+        return self._damage.losses
+
+    @property
     def files(self) -> list[Path]:
         """The file."""
         return [self.path]
@@ -120,7 +126,7 @@ class McapFile:
 
         Chunks that the summary says to hold nothing that is wanted are passed over.
         """
-        self.losses.clear()
+        self._damage.clear()
         self._forgotten = 0
         self._wanted, self._passed = wanted, 0
         count, last = 0, 0
@@ -130,17 +136,17 @@ class McapFile:
             self._declare(self._view, found.others)
             for batch in self._in_order(found):
                 count += len(batch.channel)
+                self._damage.see(batch)
                 yield batch
             self._pass(found.others)
             last = int(found.others[-1, 0]) if len(found.others) else last
             if last == records.DATA_END:
                 self._check_data(int(found.others[-1, 1]))
-        if last not in (records.DATA_END, records.FOOTER) and not self.losses:
+        if last not in (records.DATA_END, records.FOOTER) and not self._damage:
             self.lose("ends without a footer; the recorder was stopped hard")
         claimed = self._claimed.messages if self._claimed is not None else 0
         self.missing = max(0, claimed - count - self._passed)
-        if self.missing:
-            self.lose(f"{self.missing} of {claimed} messages could not be read")
+        self._damage.finish(self._bytes.size, self._claimed, self.missing)
 
     def _is_wanted(self, begin: int) -> bool:
         """Whether the chunk whose record begins at a byte may hold something wanted."""
@@ -187,30 +193,26 @@ class McapFile:
 
     def lose(self, what: str) -> None:
         """Note what cannot be read, or not as it was."""
-        self.losses.append(f"{self.path}: {what}")
+        self._damage.lose(what)
 
     def _check_data(self, at: int) -> None:
         """The checksum of everything before the record of the data's end, where the recorder made one."""
         (crc,) = struct.unpack_from("<I", self._view, at)
-        if crc and not self.losses and not self._passed and zlib.crc32(self._view[: at - 9]) != crc:
+        if crc and not self._damage and not self._passed and zlib.crc32(self._view[: at - 9]) != crc:
             self.lose("its data fail their checksum; they are used as far as they can be")
 
     def _chunk(self, begin: int, end: int) -> Iterator[Batch]:
         if not self._is_wanted(begin - 9):
+            self._damage.skip()
             return
         chunk = open_chunk(self._view[begin:end], self._limit)
         if chunk.trouble:
-            self.lose(f"chunk at byte {begin - 9} {chunk.trouble}")
+            self._damage.lose(f"chunk at byte {begin - 9} {chunk.trouble}", timed=True)
         yield from self._inside(chunk, begin - 9)
 
     def _gap(self, begin: int, end: int) -> Iterator[Batch]:
         """Bytes that are no sane record; maybe they were a chunk."""
-        cut = end == self._bytes.size
-        self.lose(
-            f"is cut off at byte {end}, inside the record at byte {begin}"
-            if cut
-            else f"is damaged from byte {begin} to {end}"
-        )
+        self._damage.gap(begin, end, bytes(self._view[begin : min(end, begin + 64)]), self._bytes.size)
         chunk = salvage(self._view[begin + 9 : end], self._limit)
         if chunk is not None:
             yield from self._inside(chunk, begin)

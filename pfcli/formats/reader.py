@@ -78,14 +78,21 @@ class Span(NamedTuple):
 class Reader(Protocol):
     """One recording, or a part of one, in whatever container.
 
-    path: what messages call it; files: what is read; channels: by id; losses: sentences on what could not be read;
-    missing: messages that the container counts and the walk did not find; facts: what else it has to say of itself.
+    path: what messages call it; channels: by id.
     """
 
     path: Path
     channels: dict[int, Channel]
-    losses: list[str]
-    missing: int
+
+    @property
+    def losses(self) -> list[str]:
+        """What the last walk could not read."""
+        ...
+
+    @property
+    def missing(self) -> int:
+        """Messages that the container counts and the walk did not find."""
+        ...
 
     @property
     def files(self) -> list[Path]:

@@ -123,6 +123,7 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
         "scans": int(track.stamps_ns.size),
         "span_s": round(float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9, 3),
         "way_m": round(float(moved), 3),
+        "last_pose": _last_pose(track.stamps_ns, track.poses),
         **run.result.summary,
         "read": dict(sorted(run.dropped.read.items())),
         "lost": dict(sorted(run.dropped.counts.items())),
@@ -137,6 +138,16 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
     summary["seconds"] = {k: round(v, 4) for k, v in run.seconds.items()}
     summary["ms_per_update"] = round(update_ms, 4)
     return summary
+
+
+def _last_pose(stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]) -> dict[str, float] | None:
+    """Where the track ends; None where no pose is known."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    if not known.size:
+        return None
+    names, pose = ("x_m", "y_m", "yaw_rad"), poses[known[-1], :3]
+    after_s = round(float(stamps_ns[known[-1]] - stamps_ns[0]) * 1e-9, 3)
+    return {"after_s": after_s} | {name: round(float(value), 4) for name, value in zip(names, pose, strict=True)}
 
 
 def _versions() -> dict[str, str]:

@@ -94,6 +94,25 @@ def test_a_flipped_bit_costs_no_more_than_its_chunk_and_is_never_silent(
     assert codes[True] > flips // 2  # nearly all of a file is its chunks
 
 
+@pytest.mark.parametrize("cuts", [pytest.param(12), pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["none", "lz4", "zstd"])
+def test_the_end_of_a_cut_log_is_used_and_its_loss_said_in_seconds(kind: str, cuts: int, tmp_path: Path) -> None:
+    """Chunks of 2.4 s, longer than the reorder buffer; what a cut one still gives is no leap of time."""
+    write(tmp_path / "x.mcap", list(range(N)), **ODD[kind])
+    data, chunks = (tmp_path / "x.mcap").read_bytes(), _chunks(tmp_path / "x.mcap")
+    for cut in np.random.default_rng(11).integers(chunks[0][1], chunks[-1][1], cuts).tolist():
+        found, log, _ = _read(tmp_path / "y.mcap", data[:cut])
+        assert set(log.dropped.counts) == {"damaged place"}, cut
+        assert len(log.dropped.notes) == 1, cut
+        inside = next((c for c in chunks if c[0] + 25 <= cut < c[1]), None)
+        if inside is None:
+            continue
+        sent = sum(count for _, end, count in chunks if end <= inside[1])  # messages up to the end of the cut chunk
+        lost_s = 0.1 * (sent - len(found))  # by hand: ten messages a second
+        says = f"the last {lost_s:.3f} s are lost" if lost_s else "its last messages are there"
+        assert says in log.dropped.notes[0], cut
+
+
 def test_a_log_cut_in_its_only_chunk_gives_what_is_before_the_cut(tmp_path: Path) -> None:
     write(tmp_path / "x.mcap", list(range(100)), compression=CompressionType.NONE)
     data = (tmp_path / "x.mcap").read_bytes()
