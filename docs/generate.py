@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from pfcli.cli.app import main
+from pfcli.cli.help_pages import whole
 
 TARGET = Path(__file__).with_name("cli.md")
 
@@ -18,7 +19,7 @@ def render() -> str:
         command = main.get_command(context, name)
         assert command is not None
         inner = click.Context(command, info_name=name, parent=context, terminal_width=110, max_content_width=110)
-        parts.append(f"## {name}\n\n```\n{command.get_help(inner)}\n```\n")
+        parts.append(f"## {name}\n\n```\n{command.get_help(whole(inner))}\n```\n")
     return "\n".join(parts)
 
 

@@ -17,7 +17,7 @@ from pfcli.formats.roles import ROLES
 from pfcli.formats.toml_file import read_toml
 from pfcli.initial import Initial, parse
 from pfcli.params import Field, build, fields
-from pfcli.replay.settings import SOURCES, Band, Settings
+from pfcli.replay.settings import RANGES, SOURCES, Band, Settings
 from pfcli.systems.shared.contract import System
 
 _Command = Callable[..., Any]
@@ -121,7 +121,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
     if start is not None and end is not None and end <= start:
         raise UsageError(f"--end {end:g} must be later than --start {start:g}")
     topics = pairs(given["topic"], "--topic", roles)
-    image = image_of(given["px_per_cm"], given["image_centre"])
+    image = image_of(given.get("px_per_cm"), given.get("image_centre"))
     return Settings(
         topics,
         given["clock"],
@@ -131,7 +131,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
         offsets,
         given["extrinsic"],
         image,
-        given["landmark_ranges"],
+        given.get("landmark_ranges", RANGES[0]),
         Limits(given["max_chunk_mib"], given["max_buffer_mib"], given.get("max_map_mpx", DEFAULTS.map_mpx)),
         base_frame=given["base_frame"],
         robot=given["robot"],
@@ -180,6 +180,12 @@ def localiser_options(system: System) -> Callable[[_Command], _Command]:
     return add
 
 
+def sensor_options(system: System) -> Callable[[_Command], _Command]:
+    """Options of the sensors that a system, or one of its variants, can use."""
+    kinds = {kind for record in (system, *system.variants.values()) for need in record.needs for kind in need}
+    return vision_options if kinds & {"lines", "landmarks"} else lambda command: command
+
+
 def initial_of(given: dict[str, Any]) -> Initial:
     """Start of a localiser; systems without a map have none."""
     return parse(given["initial"], given["heading_prior"]) if "initial" in given else Initial()
@@ -208,7 +214,6 @@ def _codes(context: click.Context, option: click.Parameter, words: tuple[str, ..
 
 def reading_options(command: _Command) -> _Command:
     """Options of every command that replays a log."""
-    command = vision_options(command)
     role_list = ", ".join(ROLES)
     for option in reversed(
         (

@@ -20,7 +20,10 @@ def say(text: str, quiet: bool = False) -> None:
 
 def emit(result: dict[str, Any], lines: list[str], as_json: bool) -> None:
     """The result: one JSON object, or lines to read."""
-    click.echo(json.dumps(result) if as_json else "\n".join(map(printable, lines)))
+    if as_json:
+        click.echo(json.dumps(result))
+    for line in lines if not as_json else []:
+        click.echo(printable(line))
 
 
 def lost(counts: dict[str, int], notes: list[str], quiet: bool = False) -> int:

@@ -11,6 +11,7 @@ import click
 from pfcli import registry
 from pfcli.batches.worker import CommandLine, Flag
 from pfcli.cli.drive_options import drive_of
+from pfcli.cli.help_pages import SystemCommand, help_all_option
 from pfcli.cli.options import (
     build_params,
     chosen,
@@ -18,60 +19,16 @@ from pfcli.cli.options import (
     initial_of,
     localiser_options,
     reading_options,
+    sensor_options,
     settings_of,
     system_options,
 )
 from pfcli.cli.types import Readable
 from pfcli.errors import UsageError
 from pfcli.formats.atomic import check, check_picture, interrupt_on_terminate, output_dir
-from pfcli.params import fields
 
 if TYPE_CHECKING:
     from pfcli.runs.loop import Job
-
-
-_OUTPUT = (
-    "out",
-    "force",
-    "overlay",
-    "report",
-    "plot",
-    "animate",
-    "threads",
-    "progress_mode",
-    "as_json",
-    "quiet",
-    "ignore",
-    "strict",
-    "help",
-)
-
-
-class _Grouped(click.Command):
-    """A system's help page: what goes in, the filter's parameters, what comes out."""
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        rows: dict[str, list[tuple[str, str]]] = {"Input": [], "Filter": [], "Output": []}
-        system = registry.system(str(self.name))
-        own = {f.name for record in (system, *system.variants.values()) for f in fields(record.params)}
-        own |= {*_OF_FILTER, *system.variants}
-        for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            if isinstance(param, click.Option) and record is not None:
-                group = (
-                    "Output"
-                    if param.name in _OUTPUT
-                    else "Filter"
-                    if param.name in (*own, *_OF_FILTER, *system.variants)
-                    else "Input"
-                )
-                rows[group].append(record)
-        for title, records in rows.items():
-            with formatter.section(title):
-                formatter.write_dl(records)
-
-
-_OF_FILTER = ("seed", "params_file")
 
 
 @cache
@@ -81,7 +38,7 @@ def command(name: str) -> click.Command:
     logs = "LOGS: MCAP files in order of time; `-`: standard input."
     usage = f"Example: pfcli {name} log.mcap{' --map map.yaml' if system.map else ''} --out out/run"
 
-    @click.command(name, cls=_Grouped, help="\n\n".join((system.summary, logs, usage)))
+    @click.command(name, cls=SystemCommand, help="\n\n".join((system.summary, logs, usage)))
     @click.argument("logs", nargs=-1, required=True, type=Readable())
     @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
     @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
@@ -118,9 +75,11 @@ def command(name: str) -> click.Command:
         "--progress", "progress_mode", type=click.Choice(["auto", "never", "json"]), default="auto", show_default=True
     )
     @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
-    @click.option("-q", "--quiet", is_flag=True, help="No messages but errors.")
+    @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
     @finding_options
+    @help_all_option
     @reading_options
+    @sensor_options(system)
     @localiser_options(system)
     @system_options(system)
     def system_command(**given: Any) -> int:
@@ -207,7 +166,8 @@ def _run(name: str, given: dict[str, Any]) -> int:
             draw(given["plot"], done.result, job.system.name)
         if given["animate"] is not None:
             animation.animate(given["animate"], done.result, job.system.name)
-    emit(summary | {"out": str(given["out"])}, _lines(summary, given["out"], job.system.readings), given["as_json"])
+    lines = [] if given["quiet"] else _lines(summary, given["out"], job.system.readings)
+    emit(summary | {"out": str(given["out"])}, lines, given["as_json"])
     return tell(done.findings, summary["lost"], quiet=given["quiet"], strict=given["strict"])
 
 

@@ -339,6 +339,30 @@ def test_help_of_a_command_imports_no_kernel_and_no_table(name: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_help_is_one_screen_and_help_all_is_everything(pfcli: Cli) -> None:
+    for name in ("slam-gdr", "localize-partial", "localize-reliable", "localize-lookup", "fuse-soccer"):
+        short, everything = pfcli(name, "-h").stdout, pfcli(name, "--help-all").stdout
+        assert len(short.splitlines()) <= 45, name
+        assert short == pfcli(name, "--help").stdout
+        assert "--out" in short
+        assert "--resample-threshold" not in short
+        assert "--resample-threshold" in everything
+    assert "--px-per-cm" in pfcli("fuse-soccer", "--help-all").stdout
+    assert "--px-per-cm" not in pfcli("localize-partial", "--help-all").stdout
+
+
+def test_misspelt_commands_and_options_get_a_suggestion(pfcli: Cli) -> None:
+    done = pfcli("localise-partial", "x.mcap")
+    assert done.returncode == 2
+    assert "Did you mean localize-partial" in done.stderr
+    assert "--particles" in pfcli("slam-gdr", "x.mcap", "--particels", 3).stderr
+
+
+def test_quiet_says_nothing(pfcli: Cli, sample: Sample, tmp_path: Path) -> None:
+    done = pfcli("slam-gdr", sample("small-loop"), "--end", 5, "--out", tmp_path / "o", "-q")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_pipes_carry_json_only(sample: Sample) -> None:
     pfcli = f"{sys.executable} -c 'from pfcli.cli.app import run; run()'"
     reader = f"{sys.executable} -c 'import json, sys; print(json.load(sys.stdin)[\"messages\"])'"

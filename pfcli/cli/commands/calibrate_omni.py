@@ -9,6 +9,7 @@ import click
 from pfcli.cli.drive_options import drive_of, drive_toml
 from pfcli.cli.options import reading_options, settings_of
 from pfcli.cli.types import Readable
+from pfcli.cli.vision_options import vision_options
 from pfcli.errors import LogError, UsageError
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ _LEAST_ROWS = 50
 @click.option("--force", is_flag=True, help="Replace a folder that is not empty.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 @reading_options
+@vision_options
 def calibrate_omni(
     logs: tuple[Path, ...], out: Path, tests: tuple[Path, ...], field: str, force: bool, as_json: bool, **given: Any
 ) -> int:
