@@ -1,4 +1,5 @@
-"""The systems that are installed, found by the entry point `pfcli.systems`: ours and anybody's."""
+"""The systems and resamplers that are installed, found by the entry points `pfcli.systems` and `pfcli.resamplers`: ours and
+anybody's."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -49,19 +50,32 @@ def filter_of(system: "System") -> "AnyFilter":
 
 
 @cache
-def resamplers() -> Mapping[str, Callable[..., Any]]:
-    """Name -> resampler: `ancestors(weights, count, rng) -> int64 (count,)`. See `pfcli.systems.shared.resampling`."""
-    return MappingProxyType({name: point.load() for name, point in _points(RESAMPLERS).items()})
+def resampler(name: str) -> Callable[..., Any]:
+    """The function `(weights, count, rng) -> ancestors` of a resampler; what it must keep: `pfcli.core.resample.schemes`.
+
+    Raises UsageError where there is none of that name, or where its package cannot be imported."""
+    point = _points(RESAMPLERS).get(name)
+    if point is None:
+        raise UsageError(f"there is no resampler {name!r}; known: {', '.join(resampler_names())}")
+    found: Callable[..., Any] = _loaded("resampler", point)
+    return found
 
 
+@cache
 def resampler_names() -> tuple[str, ...]:
     """The names of all resamplers, without importing one."""
     return tuple(_points(RESAMPLERS))
 
 
+@cache
+def _installed() -> Any:
+    """All entry points: every package is looked at once, not once for each group."""
+    return entry_points()
+
+
 def _points(group: str) -> dict[str, EntryPoint]:
     found: dict[str, EntryPoint] = {}
-    for point in sorted(entry_points(group=group), key=lambda point: point.name):
+    for point in sorted(_installed().select(group=group), key=lambda point: point.name):
         other = found.setdefault(point.name, point)
         if other.value != point.value:
             raise UsageError(
@@ -72,11 +86,15 @@ def _points(group: str) -> dict[str, EntryPoint]:
     return found
 
 
-def _record(point: EntryPoint) -> "System":
+def _loaded(what: str, point: EntryPoint) -> Any:
     try:
-        record: System = point.load()
+        return point.load()
     except Exception as error:
-        raise UsageError(f"system {point.name!r} ({point.value}) cannot be imported: {error}") from None
+        raise UsageError(f"{what} {point.name!r} ({point.value}) cannot be imported: {error}") from None
+
+
+def _record(point: EntryPoint) -> "System":
+    record: System = _loaded("system", point)
     if getattr(record, "name", None) != point.name:
         raise UsageError(f"system {point.name!r}: {point.value} is no System record of that name")
     return record

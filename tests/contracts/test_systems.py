@@ -104,7 +104,7 @@ def test_reading_all_records_imports_no_kernel_and_no_table() -> None:
 def test_a_checkout_that_is_not_installed_says_how(tmp_path: Path) -> None:
     """Without its entry points there is no system: one line with the way out."""
     code = (
-        "import importlib.metadata as m; m.entry_points = lambda **_: ();"
+        "import importlib.metadata as m; m.entry_points = lambda **_: m.EntryPoints(());"
         "from pfcli.cli.app import run; import sys; sys.argv = ['pfcli', 'slam-gdr', 'x.mcap', '--out', 'o']; run()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

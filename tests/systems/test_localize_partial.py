@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pfcli.core.evaluation import track_error
 from pfcli.core.grid.distance import distance_m
@@ -25,6 +26,7 @@ from pfcli.systems.localize_partial import (
     annealed_sampler,
     class_smoother,
     cluster_kernels,
+    cluster_resampling,
     filter,
     map_extension,
     matched_odometry,
@@ -34,8 +36,10 @@ from pfcli.systems.localize_partial import (
     update_paper,
 )
 from pfcli.systems.localize_partial.class_belief import Belief, Past, Reading
+from pfcli.systems.localize_partial.cluster_resampling import Limits
 from pfcli.systems.localize_partial.incomplete_map import Assets
 from pfcli.systems.localize_partial.params import Params
+from pfcli.systems.localize_partial.relocalise import Placed
 
 MODEL = likelihood_field.Model(0.1, 0.8, 5.0)
 
@@ -309,12 +313,43 @@ def test_weights_after_a_scan_equal_their_slow_definition() -> None:
             assert share == pytest.approx(expected, rel=1e-9, abs=1e-300)
 
 
+def _regrouped(
+    pose: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    weight: NDArray[np.float64],
+    u: NDArray[np.float64],
+    *limits: Any,
+) -> Placed:
+    choose = cluster_resampling.chooser("systematic", np.random.default_rng(0))
+    return cluster_resampling.regroup(Placed(pose, label, weight), u, Limits(*limits), choose)
+
+
+@pytest.mark.parametrize("name", ["multinomial", "stratified", "csw"])
+def test_clusters_are_regrouped_by_any_resampler(name: str) -> None:
+    """Weights of the clusters stay, and offspring are in proportion to the weights within one."""
+    rng = np.random.default_rng(9)
+    poses, labels = rng.normal(0, 1, (3000, 3)), rng.integers(2, 7, 3000).astype(np.uint8)
+    poses[:, 2] = np.arange(3000)
+    weights = rng.random(3000) ** 4 / 3000
+    limits = Limits(2000, 2000, 2000, 0.5, 0.0, 0.5, 0.26, 1e-9)
+    choose = cluster_resampling.chooser(name, rng)
+    found = cluster_resampling.regroup(Placed(poses, labels, weights), rng.random(7), limits, choose)
+    assert cluster_kernels.masses(found.label, found.weight) == pytest.approx(cluster_kernels.masses(labels, weights))
+    parents = found.pose[:, 2].astype(int)
+    assert (labels[parents] == found.label).all()
+    mean = np.array([weights[parents[found.label == k]].mean() for k in range(2, 7)])
+    ideal = np.array([(weights[labels == k] ** 2).sum() / weights[labels == k].sum() for k in range(2, 7)])
+    assert mean == pytest.approx(
+        ideal, rel=0.1
+    )  # 2000 offspring a cluster: five standard errors of a spread of about 0.6
+
+
 def test_regrouping_keeps_each_clusters_weight(assets: Assets) -> None:
     rng = np.random.default_rng(6)
     poses, labels = rng.normal(0, 1, (3000, 3)), rng.integers(2, 7, 3000).astype(np.uint8)
     weights = rng.random(3000) ** 4
     weights /= weights.sum()
-    _, new_labels, new_weights = cluster_kernels.regroup(
+    _, new_labels, new_weights = _regrouped(
         poses, labels, weights, rng.random(7), 50, 400, 400, 0.5, 0.05, 0.5, 0.26, 1e-9
     )
     assert cluster_kernels.masses(new_labels, new_weights) == pytest.approx(cluster_kernels.masses(labels, weights))
@@ -326,19 +361,17 @@ def test_regrouping_keeps_those_far_apart_and_the_fewest(assets: Assets) -> None
     near, far = rng.normal(0, 0.05, (2000, 3)), rng.uniform(-20, 20, (30_000, 3))
     poses, weights = np.concatenate([near, far]), np.r_[np.full(2000, 0.7 / 2000), np.full(30_000, 0.3 / 30_000)]
     kept = (200, 3000, 20_000, 0.5, 0.01, 0.5, 0.26, 1e-9)
-    found, _, mass = cluster_kernels.regroup(poses, np.full(32_000, 3, np.uint8), weights, rng.random(7), *kept)
+    found, _, mass = _regrouped(poses, np.full(32_000, 3, np.uint8), weights, rng.random(7), *kept)
     away = np.hypot(*found[:, :2].T) > 1.0
     assert mass[away].sum() == pytest.approx(0.3, abs=0.01)
     assert away.sum() > 5000  # one hypothesis that is the likelier does not thin out the others
-    given_up, _, mass = cluster_kernels.regroup(
-        poses, np.full(32_000, 3, np.uint8), 1e-4 * weights, rng.random(7), *kept
-    )
+    given_up, _, mass = _regrouped(poses, np.full(32_000, 3, np.uint8), 1e-4 * weights, rng.random(7), *kept)
     assert given_up.shape[0] == 3000  # a place that hardly anything speaks for
     assert mass.sum() == pytest.approx(1e-4)
     for most in (9, 1000):
         few = (200, min(200, most), most, 0.5, 0.01, 0.5, 0.26, 1e-9)
         labels = np.repeat(np.array([3, 5], np.uint8), 16_000)
-        _, left, mass = cluster_kernels.regroup(poses, labels, np.full(32_000, 1 / 32_000), rng.random(7), *few)
+        _, left, mass = _regrouped(poses, labels, np.full(32_000, 1 / 32_000), rng.random(7), *few)
         assert np.bincount(left)[5] == min(200, most)
         assert mass.sum() == pytest.approx(1.0)
 

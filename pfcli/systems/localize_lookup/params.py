@@ -4,7 +4,15 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
-from pfcli.systems.shared.shared_params import XyOfAnyStep, XyPerM, XyPerRad, YawOfAnyStep, YawPerM, YawPerRad
+from pfcli.systems.shared.shared_params import (
+    CorrectedResampler,
+    XyOfAnyStep,
+    XyPerM,
+    XyPerRad,
+    YawOfAnyStep,
+    YawPerM,
+    YawPerRad,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,7 +23,7 @@ class Params:
         str,
         Opt(
             "paper: best heading, Gaussian, multinomial every time, best particle; corrected: headings drawn and narrowed"
-            " down, hits beside obstacles, systematic when N_eff is low, densest hypothesis",
+            " down, hits beside obstacles, --resampler when N_eff is low, densest hypothesis",
             choices=("corrected", "paper"),
         ),
     ] = "corrected"
@@ -68,6 +76,7 @@ class Params:
     independent_beams: Annotated[
         float, Opt("how many independent beams a scan is worth at the most (corrected)", "", 0.1, 1e4)
     ] = 12.0
+    resampler: CorrectedResampler = "systematic"
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share (corrected)", "", 0, 1)] = 0.5
     lost_share: Annotated[
         float,

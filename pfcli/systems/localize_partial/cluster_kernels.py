@@ -5,12 +5,12 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import wrap
 from pfcli.core.grid.region import Region, clearance, crosses_wall, place_at
-from pfcli.core.jit import kernel, put
+from pfcli.core.jit import kernel
 from pfcli.core.resample.kld import sample_size
-from pfcli.core.resample.systematic import choose
 from pfcli.core.threads import spread
 
 FIRST, LAST = 2, 6
+AS_IT_IS = -1
 WALL_FACTOR = 1e-3
 """What is left of a particle that moved through a wall."""
 
@@ -170,13 +170,12 @@ def worth(mass, most, least):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def regroup(poses, classes, weights, u, least, lost, most, share, error, side_m, side_rad, negligible):  # type: ignore[no-untyped-def]
-    """Resample each cluster on its own, when its N_eff is low or it has grown too large.
+def quotas(poses, classes, weights, u, least, lost, most, share, error, side_m, side_rad, negligible):  # type: ignore[no-untyped-def]
+    """How many offspring each cluster gets: (7,), 0 where it is dropped, AS_IT_IS where it stays; and the clusters' weights (7,).
 
-    weights: (n,), global; u: (7,), one offset per class; least, most: particles of a cluster; lost: of classes 2 and 3 when
-    they hold next to no weight; share: resample below this N_eff / n; error: for the KLD bound (0: always `most`). Clusters
-    with less than `negligible` weight are dropped, improbable ones get fewer, and the outside classes 4 and 5 a tenth of
-    `most` at the most. Returns (poses, classes, weights).
+    poses: (n, 3); classes: (n,); weights: (n,), global; u: (7,), one offset per class; the others:
+    `pfcli.systems.localize_partial.cluster_resampling.Limits`. Improbable clusters get fewer, and the outside classes 4 and 5 a
+    tenth of `most` at the most.
     """
     n = poses.shape[0]
     sizes, mass, squares, limits = np.zeros(7, np.int64), np.zeros(7), np.zeros(7), np.zeros(7, np.int64)
@@ -191,11 +190,12 @@ def regroup(poses, classes, weights, u, least, lost, most, share, error, side_m,
     limits[4] = worth(mass[4], max(min(least, most), most // 10), least)
     limits[5] = worth(mass[5], max(min(least, most), most // 10), least)
     limits[6] = worth(mass[6], most, least)
-    room = limits.sum()
-    new_poses, new_classes, new_weights = np.empty((room, 3)), np.empty(room, np.uint8), np.empty(room)
-    count = 0
+    out = np.zeros(7, np.int64)
     for k in range(FIRST, LAST + 1):
         if sizes[k] == 0 or mass[k] <= negligible:
+            continue
+        if sizes[k] <= limits[k] and mass[k] * mass[k] >= share * sizes[k] * squares[k]:
+            out[k] = AS_IT_IS
             continue
         cluster = np.empty(sizes[k], np.int64)
         m = 0
@@ -203,16 +203,5 @@ def regroup(poses, classes, weights, u, least, lost, most, share, error, side_m,
             if classes[i] == k:
                 cluster[m] = i
                 m += 1
-        if m <= limits[k] and mass[k] * mass[k] >= share * m * squares[k]:
-            for j in range(m):
-                put(new_poses[count], poses[cluster[j]])
-                new_classes[count], new_weights[count] = k, weights[cluster[j]]
-                count += 1
-            continue
-        wanted = sample_size(poses, weights, cluster, u[k], least, limits[k], error, side_m, side_rad)
-        chosen = choose(weights[cluster], u[k], wanted)
-        for j in range(wanted):
-            put(new_poses[count], poses[cluster[chosen[j]]])
-            new_classes[count], new_weights[count] = k, mass[k] / wanted
-            count += 1
-    return new_poses[:count], new_classes[:count], new_weights[:count]
+        out[k] = sample_size(poses, weights, cluster, u[k], least, limits[k], error, side_m, side_rad)
+    return out, mass

@@ -4,7 +4,15 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
-from pfcli.systems.shared.shared_params import XyOfAnyStep, XyPerM, XyPerRad, YawOfAnyStep, YawPerM, YawPerRad
+from pfcli.systems.shared.shared_params import (
+    CorrectedResampler,
+    XyOfAnyStep,
+    XyPerM,
+    XyPerRad,
+    YawOfAnyStep,
+    YawPerM,
+    YawPerRad,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +84,7 @@ class Params:
     z_hit: Annotated[float, Opt("share of beams that end at mapped surfaces", "", 0.01, 0.999)] = 0.8
     reach_m: Annotated[float, Opt("how far a beam reads in an unknown place", "m", 0.1, 1000)] = 5.0
     beam_gain: Annotated[float, Opt("how many independent beams one beam is worth", "", 1e-4, 10)] = 0.07
+    resampler: CorrectedResampler = "systematic"
     resample_threshold: Annotated[float, Opt("resample a cluster when N_eff falls below this share", "", 0, 1)] = 0.5
     motion_xy_per_m: XyPerM = 0.1
     motion_xy_per_rad_m: XyPerRad = 0.02

@@ -13,6 +13,7 @@ from pfcli.core.weights import effective_sample_size
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import annealed_sampler, cluster_kernels
 from pfcli.systems.localize_partial.class_belief import Belief, Reading, in_the_map
+from pfcli.systems.localize_partial.cluster_resampling import Limits, chooser, regroup
 from pfcli.systems.localize_partial.incomplete_map import Assets
 from pfcli.systems.localize_partial.params import Params
 from pfcli.systems.localize_partial.relocalise import (
@@ -63,10 +64,19 @@ def update(belief: Belief, reading: Reading, assets: Assets, params: Params, dra
     held = float(weight.sum())
     n_eff = float(effective_sample_size(weight / held)) if held > 0.0 else 0.0
     error = params.kld_error if params.kld else 0.0
-    u = draw(Purpose.RESAMPLE, stamp_ns).random(7)
-    lost = min(max(params.min_particles, BLIND * params.frontier_samples), params.particles)
-    limits = (params.min_particles, lost, params.particles, params.resample_threshold, error)
-    pose, label, weight = cluster_kernels.regroup(pose, label, weight, u, *limits, _BIN_M, _BIN_RAD, _NEGLIGIBLE)
+    limits = Limits(
+        least=params.min_particles,
+        lost=min(max(params.min_particles, BLIND * params.frontier_samples), params.particles),
+        most=params.particles,
+        share=params.resample_threshold,
+        error=error,
+        side_m=_BIN_M,
+        side_rad=_BIN_RAD,
+        negligible=_NEGLIGIBLE,
+    )
+    rng = draw(Purpose.RESAMPLE, stamp_ns)
+    placed = placed._replace(weight=weight)
+    pose, label, weight = regroup(placed, rng.random(7), limits, chooser(params.resampler, rng))
     total = weight.sum() + unplaced.sum()
     weight = weight / total
     b = cluster_kernels.masses(label, weight)

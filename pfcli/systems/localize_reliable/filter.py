@@ -5,6 +5,7 @@ sets are weighed by the class-conditional measurement model and the decision mod
 the reliability are estimated, and the particles are resampled from the union.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ from pfcli.systems.localize_reliable.success_report import Info
 from pfcli.systems.localize_reliable.trust_record import TrackRecord
 from pfcli.systems.shared.contract import Filter, Result
 from pfcli.systems.shared.motion_gate import Step, step_noise, update_of
+from pfcli.systems.shared.resampling import by_name
 from pfcli.systems.shared.run_record import RunRecord
 
 _CARRIED = 0.3
@@ -216,8 +218,8 @@ def _conclude(
     )
     info = success_report.row(found, says, weighed, state.changes, reading, params)
     if resample:
-        u = draw(Purpose.RESAMPLE, reading.stamp_ns).random(2)
-        after = particle_set.resampled(after, weights, inside, wanted, params.rivals, u)
+        choose = partial(by_name, params.resampler, rng=draw(Purpose.RESAMPLE, reading.stamp_ns))
+        after = particle_set.resampled(after, weights, inside, wanted, params.rivals, choose)
     else:
         after = after._replace(log_w=np.log(np.maximum(weights, 1e-300)), believed=np.asarray(inside))
     return state._replace(particles=after, predicted=found.pose), info

@@ -4,7 +4,15 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pfcli.params import Opt
-from pfcli.systems.shared.shared_params import XyOfAnyStep, XyPerM, XyPerRad, YawOfAnyStep, YawPerM, YawPerRad
+from pfcli.systems.shared.shared_params import (
+    PlainResampler,
+    XyOfAnyStep,
+    XyPerM,
+    XyPerRad,
+    YawOfAnyStep,
+    YawPerM,
+    YawPerRad,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +93,7 @@ class Params:
         int, Opt("particles drawn around the optimum of a scan match, by importance; 0 matches none", "", 0, 100_000)
     ] = 0
     match_slip: Annotated[float, Opt("probability that the odometry has slipped between updates", "", 1e-9, 0.5)] = 1e-3
+    resampler: PlainResampler = "systematic"
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share", "", 0, 1)] = 0.5
     beams_table: Annotated[bool, Opt("keep p(unknown) of every beam in beams.parquet")] = False
     motion_xy_per_m: XyPerM = 0.1

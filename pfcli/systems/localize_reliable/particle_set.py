@@ -1,16 +1,20 @@
 """The particles of localize-reliable: hypotheses that are believed, and their rivals."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.motion.odometry import predict
-from pfcli.core.resample import systematic
 from pfcli.core.weights import normalize
 
 MODE_M, MODE_RAD = 0.75, 0.5
 """Poses within this of each other are one hypothesis."""
+
+
+Choose = Callable[[NDArray[np.float64], int], NDArray[np.int64]]
+"""Parents (count,) by weights (n,), sum 1."""
 
 
 class Particles(NamedTuple):
@@ -57,17 +61,17 @@ def resampled(
     inside: NDArray[np.bool_],
     wanted: int,
     rivals: int,
-    u: NDArray[np.float64],
+    choose: Choose,
 ) -> Particles:
     """The hypothesis that is believed, `inside` (n,), and its rivals, each on its own: a rival keeps its weight, however
-    small, so that the evidence for it adds up from scan to scan instead of being resampled away."""
+    small, so that the evidence for it adds up from scan to scan instead of being resampled away. choose: of the resampler."""
     chosen, log_w, believed = [], [], []
     for k, (members, most) in enumerate(((inside, wanted), (~inside, rivals))):
         index = np.flatnonzero(members)
         mass = float(weights[index].sum())
         if most == 0 or mass <= 1e-300:
             continue
-        chosen.append(index[systematic.choose(weights[index], u[k], most)])
+        chosen.append(index[choose(weights[index] / mass, most)])
         log_w.append(np.full(most, np.log(mass / most)))
         believed.append(np.full(most, k == 0))
     index = np.concatenate(chosen)

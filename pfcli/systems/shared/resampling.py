@@ -1,11 +1,13 @@
-"""When and how the filters resample: systematic or as printed, or by the named resampler with dispersed offspring."""
+"""When and how the filters resample: as printed, or by the named resampler; GDR disperses the offspring."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.resample import csw, gdr, multinomial, stratified, systematic
+from pfcli.core.resample import csw, gdr, multinomial
+from pfcli.errors import UsageError
+from pfcli.registry import resampler
 from pfcli.rng import Draw, Purpose
 
 
@@ -14,26 +16,34 @@ def chosen(
 ) -> NDArray[np.int64] | None:
     """Parent of each of `particles` offspring; None while weights (n,) are even enough and the particles not too many.
 
-    As printed (`--variant paper`) every time, multinomial; else systematic. params: with `variant`, `particles` and
-    `resample_threshold`.
+    As printed (`--variant paper`) every time, multinomial; else by the named resampler. params: with `variant`, `particles`,
+    `resampler` and `resample_threshold`.
     """
     if params.variant == "paper":
         rng = draw(Purpose.RESAMPLE, stamp_ns)
         return np.asarray(multinomial.ancestors(weights, rng.random(params.particles)))
     if weights.size <= params.particles and n_eff >= params.resample_threshold * weights.size:
         return None
-    rng = draw(Purpose.RESAMPLE, stamp_ns)
-    return np.asarray(systematic.choose(weights, rng.random(), params.particles))
+    return by_name(params.resampler, weights, params.particles, draw(Purpose.RESAMPLE, stamp_ns))
 
 
 def ancestors_of(weights: NDArray[np.float64], params: Any, draw: Draw, stamp_ns: int) -> NDArray[np.int64]:
     """Parent (n,) of each offspring. params: with `resampler` and `sort`."""
     rng = draw(Purpose.RESAMPLE, stamp_ns)
-    if params.resampler == "stratified":
-        return np.asarray(stratified.ancestors(weights, rng.random(weights.size)))
-    if params.resampler == "systematic":
-        return np.asarray(systematic.ancestors(weights, rng.random(1)))
-    return csw.ancestors(weights, rng.random(1), params.sort)
+    if params.resampler in ("gdr", "csw"):
+        return csw.ancestors(weights, rng.random(1), params.sort)
+    return by_name(params.resampler, weights, weights.size, rng)
+
+
+def by_name(name: str, weights: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Parent (count,) of each offspring, by the resampler of this name. Raises UsageError where it gives anything else."""
+    found = np.asarray(resampler(name)(weights, count, rng))
+    if found.shape != (count,) or found.dtype != np.int64 or found.min() < 0 or found.max() >= weights.size:
+        raise UsageError(
+            f"resampler {name!r} gave {found.dtype} {found.shape}; it must give int64 ({count},), each from 0 to"
+            f" {weights.size - 1}"
+        )
+    return found
 
 
 def dispersed(

@@ -3,6 +3,7 @@
 from typing import Annotated
 
 from pfcli.params import Opt
+from pfcli.registry import resampler_names
 
 XyPerM = Annotated[float, Opt("odometry: position error per way", "m/m", 0, 10)]
 XyPerRad = Annotated[float, Opt("odometry: position error per turn", "m/rad", 0, 10)]
@@ -14,7 +15,12 @@ SomeXyOfAnyStep = Annotated[float, Opt("odometry: position error of any step", "
 SomeYawOfAnyStep = Annotated[float, Opt("odometry: heading error of any step", "rad", 1e-6, 10)]
 """Where the step's information is asked for, no step is certain."""
 
-Resampler = Annotated[str, Opt("how offspring are chosen", choices=("gdr", "csw", "systematic", "stratified"))]
+Resampler = Annotated[
+    str, Opt("how offspring are chosen; gdr: csw, then dispersed", choices=("gdr", *resampler_names()))
+]
+PlainResampler = Annotated[str, Opt("how offspring are chosen", choices=resampler_names())]
+CorrectedResampler = Annotated[str, Opt("how offspring are chosen (corrected)", choices=resampler_names())]
+"""Where the paper says how: `--variant paper` does as printed."""
 Sort = Annotated[str, Opt("order of the cumulative sum", choices=("descending", "none"))]
 AlphaXy = Annotated[float, Opt("dispersal at average weight", "m", 0, 1)]
 AlphaYaw = Annotated[float, Opt("dispersal at average weight", "deg", 0, 45)]

@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pfcli.core.resample import csw, gdr, stratified, systematic
+from pfcli import registry
+from pfcli.core.resample import csw, gdr, schemes, stratified, systematic
+from pfcli.errors import UsageError
+from pfcli.systems.shared import resampling
 
 WEIGHTS = st.lists(st.floats(1e-6, 1.0), min_size=2, max_size=40)
 
@@ -45,6 +48,42 @@ def test_stratified_is_unbiased() -> None:
         counts += np.bincount(stratified.ancestors(w, rng.random(4)), minlength=4)
     # a count per run has a variance of at most 1: five standard errors of the mean
     assert np.abs(counts / runs - 4 * w).max() < 5 / np.sqrt(runs)
+
+
+SCHEMES = {"csw": schemes.csw, "multinomial": schemes.multinomial, "stratified": schemes.stratified}
+SCHEMES["systematic"] = schemes.systematic
+
+
+@pytest.mark.parametrize("count", [2, 4, 9])
+@pytest.mark.parametrize("name", SCHEMES)
+def test_any_number_of_offspring_is_unbiased(name: str, count: int) -> None:
+    rng = np.random.default_rng(2)
+    w = np.array([0.05, 0.5, 0.15, 0.3])
+    runs = 4000
+    counts = np.zeros(4)
+    for _ in range(runs):
+        found = SCHEMES[name](w, count, rng)
+        assert found.dtype == np.int64
+        assert found.shape == (count,)
+        counts += np.bincount(found, minlength=4)
+    # a count per run has a variance of at most count / 4 (multinomial): five standard errors of the mean
+    assert np.abs(counts / runs - count * w).max() < 5 * np.sqrt(count / 4 / runs)
+
+
+def test_every_resampler_is_found_by_its_name_and_has_a_help() -> None:
+    assert set(SCHEMES) <= set(registry.resampler_names())
+    for name in registry.resampler_names():
+        assert (registry.resampler(name).__doc__ or "").splitlines()[0].endswith("."), name
+    with pytest.raises(UsageError, match="there is no resampler 'metropolis'; known: csw, multinomial"):
+        registry.resampler("metropolis")
+
+
+def test_a_resampler_that_gives_nonsense_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    weights, rng = np.full(3, 1 / 3), np.random.default_rng(0)
+    for wrong in (np.zeros(2, np.int64), np.zeros(3), np.array([0, 1, 3])):
+        monkeypatch.setattr(resampling, "resampler", lambda _, given=wrong: lambda *_: given)
+        with pytest.raises(UsageError, match="resampler 'mine' gave"):
+            resampling.by_name("mine", weights, 3, rng)
 
 
 @pytest.mark.parametrize("n", [5, 20, 100])
