@@ -17,7 +17,7 @@ from pfcli.formats.roles import ROLES
 from pfcli.formats.toml_file import read_toml
 from pfcli.initial import Initial, parse
 from pfcli.params import Field, build, fields
-from pfcli.replay.settings import RANGES, SOURCES, Band, Settings
+from pfcli.replay.settings import RANGES, SOURCES, STAMPS, Band, Deskew, Settings
 from pfcli.systems.shared.contract import System
 
 _Command = Callable[..., Any]
@@ -136,6 +136,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
         base_frame=given["base_frame"],
         robot=given["robot"],
         band=band_of(given["slice_m"]),
+        deskew=Deskew(given["deskew"], given["scan_duration"], given["scan_stamp"]),
     )
 
 
@@ -285,6 +286,24 @@ def reading_options(command: _Command) -> _Command:
                 default=None,
                 help="Heights above the floor between which things are walls, for point clouds and scanners that"
                 " lean [m].  (default: 0.1,2.0)",
+            ),
+            click.option(
+                "--deskew/--no-deskew",
+                default=True,
+                help="Place each beam by the motion at its own time, where the log tells it.  (default: on)",
+            ),
+            click.option(
+                "--scan-duration",
+                type=Finite(0, 1),
+                default=None,
+                help="From the first beam of a scan to the last [s].  (default: the log's time_increment)",
+            ),
+            click.option(
+                "--scan-stamp",
+                type=click.Choice(STAMPS),
+                default=STAMPS[0],
+                show_default=True,
+                help="Which beam a scan's stamp is of.",
             ),
             click.option(
                 "--motion",

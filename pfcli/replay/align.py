@@ -25,7 +25,8 @@ from pfcli.events import (
     Sweep,
 )
 from pfcli.replay.dead_reckoning import SECOND, DeadReckoning
-from pfcli.replay.settings import Drive
+from pfcli.replay.scan_times import ScanTimes
+from pfcli.replay.settings import AS_TOLD, Deskew, Drive
 
 ROLES = {
     "odometry": ("odometry",),
@@ -106,58 +107,122 @@ class _Instant(NamedTuple):
 
 
 def sweeps(
-    events: Iterable[Event], source: str, drive: Drive, dropped: Dropped, max_gap_s: float = 1.0
+    events: Iterable[Event],
+    source: str,
+    drive: Drive,
+    dropped: Dropped,
+    max_gap_s: float = 1.0,
+    deskew: Deskew = AS_TOLD,
 ) -> Iterator[Sweep | Sounding | Sighting]:
     """Scans (rounds of the range finders, sightings) with the odometry pose of their own stamp, interpolated between the
-    motion events around it.
+    motion events around it; the beams of a scan by the motion at their own time.
 
     A reading before the first or more than `max_gap_s` after the last motion event is counted in `dropped`.
     """
     reckon = DeadReckoning(source, drive, dropped)
-    before: _Instant | None = None
+    way = _Way(ScanTimes(deskew, dropped), reckon, dropped, max_gap_s)
     text = SourceStamp(-1, "")
     compass = _Compass()
-    waiting: deque[tuple[Scan | Ranges | Sighting, str]] = deque()
     for event in sightings(rounds(events)):
         if isinstance(event, Scan | Ranges | Sighting):
             name = text.text if text.stamp_ns == event.stamp_ns else ""
             if isinstance(event, Sighting):
                 event = compass.at(event)
-            if before is not None and before.odometry.stamp_ns == event.stamp_ns:
-                yield _joined(event, before, name, reckon)
-            else:
-                waiting.append((event, name))
-            continue
-        if isinstance(event, SourceStamp):
+            yield from way.read(event, name)
+        elif isinstance(event, SourceStamp):
             text = event
-            continue
-        if isinstance(event, Heading):
+        elif isinstance(event, Heading):
             compass.hear(event)
-            continue
-        odometry = reckon(event)
-        if odometry is None:
-            continue
-        after = _Instant(odometry, reckon.rolled, _travelled(before, odometry))
-        while waiting and waiting[0][0].stamp_ns <= odometry.stamp_ns:
-            reading, name = waiting.popleft()
-            if before is None and reading.stamp_ns < odometry.stamp_ns:
+        else:
+            odometry = reckon(event)
+            if odometry is not None:
+                yield from way.move(odometry)
+    yield from way.end()
+
+
+class _Waiting(NamedTuple):
+    """A reading, what it is called, and the time (ns) from which on the motion that it wants is known."""
+
+    reading: Scan | Ranges | Sighting
+    name: str
+    ready_ns: int
+
+
+class _Way:
+    """The motion of the last seconds, and the readings that wait for what comes next."""
+
+    _KEPT_NS = 2 * SECOND
+
+    def __init__(self, times: ScanTimes, reckon: DeadReckoning, dropped: Dropped, max_gap_s: float) -> None:
+        self._times, self._reckon, self._dropped, self._max_gap_s = times, reckon, dropped, max_gap_s
+        self._instants: deque[_Instant] = deque()
+        self._waiting: deque[_Waiting] = deque()
+
+    def read(self, reading: Scan | Ranges | Sighting, name: str) -> Iterator[Sweep | Sounding | Sighting]:
+        """Take up a reading; one at the stamp of the last motion needs not wait."""
+        last = self._times.span_ns(reading)[1] if isinstance(reading, Scan) else 0
+        ready = reading.stamp_ns + max(0, last)
+        known = bool(self._instants) and self._instants[-1].odometry.stamp_ns == ready
+        if known and ready == reading.stamp_ns and not self._waiting:
+            yield self._joined(reading, self._instants[-1], name)
+        else:
+            self._waiting.append(_Waiting(reading, name, ready))
+
+    def move(self, odometry: Odometry) -> Iterator[Sweep | Sounding | Sighting]:
+        """Take up motion; the readings that waited for it."""
+        before = self._instants[-1] if self._instants else None
+        now = _Instant(odometry, self._reckon.rolled, _travelled(before, odometry))
+        self._instants.append(now)
+        while self._waiting and self._waiting[0].ready_ns <= odometry.stamp_ns:
+            reading, name, _ = self._waiting.popleft()
+            if reading.stamp_ns < self._instants[0].odometry.stamp_ns:
                 what = "sighting" if isinstance(reading, Sighting) else "scan"
-                dropped.add(
+                self._dropped.add(
                     f"{what} before odometry", f"{what}s before the first message of the motion source have no pose"
                 )
                 continue
-            start = before if before is not None else after
-            gap_s = (odometry.stamp_ns - start.odometry.stamp_ns) / SECOND
-            if gap_s > max_gap_s:
-                dropped.add("gap in odometry", f"odometry pauses for {gap_s:.1f} s; poses there are interpolated")
-            yield _joined(reading, _between(start, after, reading.stamp_ns), name, reckon)
-        before = after
-    for reading, name in waiting:
-        if before is not None and reading.stamp_ns - before.odometry.stamp_ns <= max_gap_s * SECOND:
-            yield _joined(reading, before, name, reckon)
-        else:
-            what = "sighting" if isinstance(reading, Sighting) else "scan"
-            dropped.add(f"{what} without odometry", f"{what}s after the last message of the motion source have no pose")
+            yield self._joined(reading, self._at(reading.stamp_ns), name)
+        oldest = odometry.stamp_ns - self._KEPT_NS
+        if self._waiting:
+            oldest = min(oldest, self._waiting[0].reading.stamp_ns - self._KEPT_NS)
+        while len(self._instants) > 2 and self._instants[1].odometry.stamp_ns <= oldest:
+            self._instants.popleft()
+
+    def end(self) -> Iterator[Sweep | Sounding | Sighting]:
+        """What still waits: at the last pose, where that is not too old."""
+        for reading, name, _ in self._waiting:
+            if self._has_pose(reading.stamp_ns):
+                yield self._joined(reading, self._at(reading.stamp_ns), name)
+            else:
+                what = "sighting" if isinstance(reading, Sighting) else "scan"
+                self._dropped.add(
+                    f"{what} without odometry", f"{what}s after the last message of the motion source have no pose"
+                )
+
+    def _has_pose(self, stamp_ns: int) -> bool:
+        """Whether a stamp lies in what is known of the motion, or not too long after it."""
+        if not self._instants:
+            return False
+        first, last = self._instants[0].odometry.stamp_ns, self._instants[-1].odometry.stamp_ns
+        return first <= stamp_ns <= last + self._max_gap_s * SECOND
+
+    def _at(self, stamp_ns: int) -> _Instant:
+        """The motion at a stamp between the first and the last one that is known, or the last."""
+        k = len(self._instants) - 1
+        while k > 0 and self._instants[k - 1].odometry.stamp_ns >= stamp_ns:
+            k -= 1
+        after, before = self._instants[k], self._instants[max(0, k - 1)]
+        if after.odometry.stamp_ns <= stamp_ns:
+            return after
+        gap_s = (after.odometry.stamp_ns - before.odometry.stamp_ns) / SECOND
+        if gap_s > self._max_gap_s:
+            self._dropped.add("gap in odometry", f"odometry pauses for {gap_s:.1f} s; poses there are interpolated")
+        return _between(before, after, stamp_ns)
+
+    def _joined(self, reading: Scan | Ranges | Sighting, at: _Instant, name: str) -> Sweep | Sounding | Sighting:
+        if isinstance(reading, Scan) and self._times.span_ns(reading) != (0, 0):
+            reading = self._times.placed(reading, at.odometry, [i.odometry for i in self._instants])
+        return _joined(reading, at, name, self._reckon)
 
 
 class _Compass:

@@ -103,10 +103,27 @@ class Band(NamedTuple):
     high_m: float = 2.0
 
 
+STAMPS = ("first", "middle", "last")
+"""Which beam a scan's stamp is of."""
+
+
+class Deskew(NamedTuple):
+    """How beams are placed by the motion at their own time. duration_s: of a scan, None: as the log says; stamp: one of
+    `STAMPS`; by_scan_time: a scan without times between its beams is swept in its share of `scan_time`."""
+
+    on: bool = True
+    duration_s: float | None = None
+    stamp: str = STAMPS[0]
+    by_scan_time: bool = False
+
+
+AS_TOLD = Deskew()
+
+
 class Settings(NamedTuple):
     """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, the image of
     vision that gives pixels, what landmarks' ranges are (one of `RANGES`), limits, the base frame and the robot's namespace
-    ('': what the log says), and the heights that are walls."""
+    ('': what the log says), the heights that are walls, and how scans are de-skewed."""
 
     topics: Mapping[str, str] = {}
     clock: str = "header"
@@ -121,3 +138,4 @@ class Settings(NamedTuple):
     base_frame: str = ""
     robot: str = ""
     band: Band = Band()
+    deskew: Deskew = Deskew()

@@ -93,7 +93,8 @@ def execute(job: Job) -> Run:
     updates = Rows((2,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
-    sweeps = align.sweeps(_without_truth(_replay(log, roles, dropped), truth), motion, job.drive, dropped)
+    events = _without_truth(_replay(log, roles, dropped), truth)
+    sweeps = align.sweeps(events, motion, job.drive, dropped, deskew=job.settings.deskew)
     for sweep in progress(_with_data(sweeps, dropped), job.progress, job.system.name):
         if state is None:
             state = filter_.init(job.params, assets, sweep, draw)

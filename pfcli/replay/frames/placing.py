@@ -39,9 +39,9 @@ def scan(event: Scan, at: Reading, band: Band, dropped: Dropped) -> Scan:
     mount = at.mount
     if mount.level:
         if not mount.flipped:
-            return event._replace(mount=mount.pose)
+            return event._replace(mount=mount.pose, topic=at.topic)
         low, step = -event.angle_min_rad, -event.angle_increment_rad
-        return event._replace(mount=mount.pose, angle_min_rad=low, angle_increment_rad=step)
+        return event._replace(mount=mount.pose, topic=at.topic, angle_min_rad=low, angle_increment_rad=step)
     if mount.tilt_rad > STEEPEST_RAD:
         raise LogError(
             f"{at.where}: the scanner's plane leans by {math.degrees(mount.tilt_rad):.1f} deg (frame"
@@ -57,7 +57,7 @@ def scan(event: Scan, at: Reading, band: Band, dropped: Dropped) -> Scan:
     if off:
         dropped.read["beams that met floor or ceiling"] += off
     pose = Pose2(mount.pose.x_m, mount.pose.y_m, 0.0)
-    return event._replace(ranges_m=ranges, range_min_m=0.0, mount=pose, bearings_rad=bearings)
+    return event._replace(topic=at.topic, ranges_m=ranges, range_min_m=0.0, mount=pose, bearings_rad=bearings)
 
 
 def cloud(event: Cloud, at: Reading, band: Band, dropped: Dropped) -> Scan:
