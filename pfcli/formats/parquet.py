@@ -31,15 +31,20 @@ def unit_of(name: str) -> str:
     return next((unit for suffix, unit in _UNITS if name.endswith(suffix)), "1")
 
 
-def write(path: Path, columns: Mapping[str, Any], provenance: Mapping[str, object]) -> None:
-    """Write columns (arrays of equal length) with `provenance` as the file metadata `pfcli`."""
+def table(columns: Mapping[str, Any], provenance: Mapping[str, object]) -> pa.Table:
+    """Columns (arrays of equal length) as a table: units in the fields' metadata, `provenance` in that of the table."""
     fields, arrays = [], []
     for name, values in columns.items():
         array = values if isinstance(values, pa.Array) else pa.array(values)
         fields.append(pa.field(name, array.type, metadata={"unit": unit_of(name)}))
         arrays.append(array)
     schema = pa.schema(fields, metadata={"pfcli": json.dumps(provenance, sort_keys=True)})
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd", version="2.6")
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def write(path: Path, columns: Mapping[str, Any], provenance: Mapping[str, object]) -> None:
+    """Write columns (arrays of equal length) with `provenance` as the file metadata `pfcli`."""
+    pq.write_table(table(columns, provenance), path, compression="zstd", version="2.6")
 
 
 _KINDS = {"text": pa.string(), "int": pa.int64(), "float": pa.float64()}

@@ -42,14 +42,18 @@ class Log:
     """An opened recording, of one part or more: its channels are known, its events can be replayed any number of times."""
 
     def __init__(self, paths: Path | Sequence[Path], settings: Settings = DEFAULTS) -> None:
+        self.paths = [paths] if isinstance(paths, Path) else list(paths)
         self.settings = settings
         self.dropped = Dropped()
-        self._file = Recording([paths] if isinstance(paths, Path) else paths, Reading(settings.limits.chunk_mib))
+        self._file = Recording(self.paths, Reading(settings.limits.chunk_mib))
         self.path = self._file.path
         self.damage = f" ({self._file.losses[0].partition(': ')[2]})" if self._file.losses else ""
         """What a survey that found damage says of it, for messages about what the log lacks."""
         wanted = WantedFrames(settings.base_frame, settings.robot, tuple(settings.extrinsics))
         self.frames = LogFrames(self._file, self.path, wanted)
+
+    def __repr__(self) -> str:
+        return f"<Log {', '.join(map(str, self.paths))}: {', '.join(map(printable, self.topics())) or 'no topics'}>"
 
     @property
     def channels(self) -> list[Channel]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,34 @@ from pfcli.core.grid.grid_map import GridMap
 from pfcli.formats.atomic import output_file
 from pfcli.systems.shared.contract import Result
 
+_DPI = 110
+
 
 def draw(path: Path, result: Result, title: str) -> None:
     """Map with the track over it. The bytes depend on the result only (no date, fixed ids)."""
     with _picture(path, title) as axes:
-        if result.grid is not None:
-            draw_map(axes, result.grid)
-        if "landmarks" in result.tables:
-            _landmarks(axes, result.tables["landmarks"])
-        poses = result.track.poses
-        axes.plot(poses[:, 0], poses[:, 1], color="tab:red", linewidth=0.9, label="track")
-        axes.plot(*poses[0, :2], "o", color="tab:green", markersize=5, label="start")
-        axes.plot(*poses[-1, :2], "s", color="tab:blue", markersize=5, label="end")
+        _draw_run(axes, result)
+
+
+def png(result: Result, title: str) -> bytes:
+    """The same picture as the bytes of a PNG."""
+    out = BytesIO()
+    with _figure() as (figure, axes):
+        _draw_run(axes, result)
+        _label(axes, title)
+        figure.savefig(out, format="png", dpi=_DPI)
+    return out.getvalue()
+
+
+def _draw_run(axes: Any, result: Result) -> None:
+    if result.grid is not None:
+        draw_map(axes, result.grid)
+    if "landmarks" in result.tables:
+        _landmarks(axes, result.tables["landmarks"])
+    poses = result.track.poses
+    axes.plot(poses[:, 0], poses[:, 1], color="tab:red", linewidth=0.9, label="track")
+    axes.plot(*poses[0, :2], "o", color="tab:green", markersize=5, label="start")
+    axes.plot(*poses[-1, :2], "s", color="tab:blue", markersize=5, label="end")
 
 
 def draw_tracks(path: Path, grid: GridMap | None, tracks: Mapping[str, NDArray[np.float64]]) -> None:
@@ -38,16 +55,27 @@ def draw_tracks(path: Path, grid: GridMap | None, tracks: Mapping[str, NDArray[n
 @contextmanager
 def _picture(path: Path, title: str) -> Iterator[Any]:
     """Axes in metres; the picture is written when the block ends."""
-    pyplot = agg()
-    figure, axes = pyplot.subplots(figsize=(9, 8), layout="constrained")
-    try:
+    with _figure() as (figure, axes):
         yield axes
-        axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=title)
-        axes.legend(loc="upper right")
+        _label(axes, title)
         with output_file(path) as partial:
-            figure.savefig(partial, dpi=110, metadata=metadata_of(path))
-    finally:
-        pyplot.close(figure)
+            figure.savefig(partial, dpi=_DPI, metadata=metadata_of(path))
+
+
+@contextmanager
+def _figure() -> Iterator[tuple[Any, Any]]:
+    """A figure and its axes, drawn without pyplot: the backend and the figures of a notebook stay as they are."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({"svg.hashsalt": "pfcli"}):
+        figure = Figure(figsize=(9, 8), layout="constrained")
+        yield figure, figure.subplots()
+
+
+def _label(axes: Any, title: str) -> None:
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=title)
+    axes.legend(loc="upper right")
 
 
 def metadata_of(path: Path) -> dict[str, Any]:

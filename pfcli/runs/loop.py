@@ -79,8 +79,7 @@ class Run(NamedTuple):
 def execute(job: Job) -> Run:
     """Replay the logs through the system. Raises LogError or UsageError before running where a need is not met."""
     began = time.perf_counter()
-    if job.threads:
-        set_threads(job.threads)
+    set_threads(job.threads)
     log = Log(job.paths, job.settings)
     motion = motion_source(log, job.motion)
     roles = _roles(job, log, motion)

@@ -86,6 +86,29 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
     track = run.result.track
     known = np.isfinite(track.poses).all(axis=1)
     tum.write(folder / "track.tum", track.stamps_ns[known], track.poses[known])
+    for name, columns in tables(job, run).items():
+        parquet.write(folder / f"{name}.parquet", columns, meta)
+    if run.result.grid is not None:
+        map_yaml.write(folder, run.result.grid)
+    for name, layer in run.result.layers.items():
+        map_yaml.write(folder, layer, name)
+    for name, text in run.result.texts.items():
+        (folder / name).write_text(text)
+    (folder / "params.toml").write_text(f"# {job.system.name}, seed {job.seed}\n" + to_toml(job.params))
+    summary = summarize(job, run)
+    (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n")
+    return summary
+
+
+def tables(job: Job, run: Run) -> dict[str, dict[str, Any]]:
+    """Every table by the name of its file: columns (arrays of equal length) by name."""
+    metrics = parquet.columns_of(run.infos, filter_of(job.system).info)
+    own = {name: dict(table) for name, table in run.result.tables.items()}
+    return {"track": _track_columns(run), "metrics": metrics, "frames": _frame_columns(run.result), **own}
+
+
+def _track_columns(run: Run) -> dict[str, Any]:
+    track = run.result.track
     columns: dict[str, Any] = {"t_ns": track.stamps_ns}
     columns |= dict(zip(("x_m", "y_m", "yaw_rad"), track.poses.T, strict=True))
     columns |= track.columns
@@ -93,21 +116,7 @@ def write(folder: Path, job: Job, run: Run) -> dict[str, Any]:
         columns |= {"error_m": run.errors.position_m, "error_yaw_rad": run.errors.yaw_rad}
         columns |= dict(zip(("error_x_m", "error_y_m"), run.errors.offset_m.T, strict=True))
         columns |= {} if run.errors.nees is None else {"nees": run.errors.nees}
-    parquet.write(folder / "track.parquet", columns, meta)
-    parquet.write(folder / "metrics.parquet", parquet.columns_of(run.infos, filter_of(job.system).info), meta)
-    parquet.write(folder / "frames.parquet", _frame_columns(run.result), meta)
-    if run.result.grid is not None:
-        map_yaml.write(folder, run.result.grid)
-    for name, layer in run.result.layers.items():
-        map_yaml.write(folder, layer, name)
-    for name, table in run.result.tables.items():
-        parquet.write(folder / f"{name}.parquet", table, meta)
-    for name, text in run.result.texts.items():
-        (folder / name).write_text(text)
-    (folder / "params.toml").write_text(f"# {job.system.name}, seed {job.seed}\n" + to_toml(job.params))
-    summary = summarize(job, run)
-    (folder / "run.json").write_text(json.dumps(summary, indent=2) + "\n")
-    return summary
+    return columns
 
 
 def summarize(job: Job, run: Run) -> dict[str, Any]:

@@ -105,33 +105,10 @@ def _source_stamps(track: Path, log: Path | None, count: int) -> list[str]:
 
 
 def _truth(stamps: Any, poses: Any, given: dict[str, Any], found: dict[str, Any], lines: list[str]) -> Any:
-    import numpy as np
+    from pfcli.runs import judge
 
-    from pfcli.core.evaluation import track_error
-    from pfcli.formats import tum
-
-    path: Path = given["truth"]
-    if path.suffix == ".mcap":
-        from pfcli.replay.log import Log
-
-        events = list(Log(path).events(["truth"]))
-        if not events:
-            raise LogError(f"--truth {path}: holds no truth topic")
-        true_stamps, truth = np.array([e.stamp_ns for e in events]), np.array([e[1:4] for e in events])
-    else:
-        true_stamps, truth = tum.read(path)
-    mine, theirs = track_error.associate(stamps, true_stamps, int(given["max_gap"] * 1e9))
-    a, b = poses[mine], truth[theirs]
-    if mine.size <= given["rpe_delta"]:
-        raise LogError(f"--truth {path}: only {mine.size} poses have a partner; see --max-gap")
-    moved = track_error.align_se2(a, b) if given["align"] else np.zeros(3)
-    errors = track_error.errors_of(a, b, moved)
-    step_t, step_r = track_error.relative_errors(a, b, given["rpe_delta"])
-    summary = errors.summary() | {
-        "rpe_m": round(float(np.sqrt((step_t**2).mean())), 6),
-        "rpe_deg": round(float(np.degrees(np.sqrt((step_r**2).mean()))), 6),
-        "aligned": given["align"],
-    }
+    rule = judge.Rule(given["align"], int(given["max_gap"] * 1e9), given["rpe_delta"])
+    summary, moved = judge.judged(judge.Poses(stamps, poses, ""), judge.truth_of(given["truth"]), rule)
     found["truth"] = summary
     lines.append(
         f"ATE {summary['ate_m']:.4f} m (mean {summary['mean_m']:.4f}, max {summary['max_m']:.4f}) over {summary['poses']} poses,"
