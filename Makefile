@@ -2,7 +2,7 @@ PYTHON ?= python
 
 SECONDS ?= 60
 
-.PHONY: test lint docs man site bench golden samples slow fuzz
+.PHONY: kernels test lint docs man site bench golden samples slow fuzz
 
 test:
 	$(PYTHON) -m pytest
@@ -28,6 +28,9 @@ man:
 
 docs:
 	$(PYTHON) docs/generate.py
+
+kernels:
+	$(PYTHON) sample_logs/kernels.py
 
 samples:
 	$(PYTHON) sample_logs/make.py samples

@@ -31,6 +31,7 @@ _COMMANDS = {
         "What a batch found: one table, the best parameters, what got worse.",
     ),
     "table": ("pfcli.cli.commands.table:table", "The range table of a map, as localize-lookup uses it."),
+    "warm": ("pfcli.cli.commands.warm:warm", "Compile kernels beforehand, for CI images and containers."),
     "params": ("pfcli.cli.commands.params:params", "A system's parameters as TOML."),
 }
 

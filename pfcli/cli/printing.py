@@ -1,7 +1,9 @@
 """How commands speak: results to standard output, messages to standard error."""
 
 import json
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -56,3 +58,19 @@ def verdict_code(findings: Sequence[Finding], *, strict: bool = False) -> int:
     if not any(found.shakes for found in findings):
         return EXIT_DONE
     return EXIT_NOT_PASSED if strict else EXIT_PARTIAL
+
+
+@contextmanager
+def compiling(quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """What says how far compiling is: over and over in one line of a terminal, once elsewhere."""
+    terminal = sys.stderr.isatty()
+    said: list[str] = []
+
+    def hear(text: str) -> None:
+        if not quiet and (terminal or not said):
+            click.echo(f"\rpfcli: {text} " if terminal else f"pfcli: {text}", err=True, nl=not terminal)
+        said.append(text)
+
+    yield hear
+    if terminal and said and not quiet:
+        click.echo(err=True)

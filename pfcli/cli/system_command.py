@@ -146,10 +146,11 @@ def _run(name: str, given: dict[str, Any]) -> int:
     interrupt_on_terminate()
     job = job_of(name, given)._replace(command=("pfcli", *sys.argv[1:]))
 
-    from pfcli.cli.printing import emit, tell
+    from pfcli.cli.printing import compiling, emit, tell
     from pfcli.runs import loop, results
 
-    done = loop.execute(job)
+    with compiling(given["quiet"]) as say:
+        done = loop.execute(job._replace(say=say))
     with output_dir(given["out"], force=given["force"]) as folder:
         summary = results.write(folder, job, done)
         if given["overlay"]:

@@ -70,10 +70,12 @@ def digest(module: str) -> str:
         if name not in found:
             found.add(name)
             left += _imported(name, root)
-    joined = hashlib.sha256()
-    for name in sorted(found):
-        joined.update(f"{name}\0{_text(name)}\0".encode())
-    return joined.hexdigest()[:16]
+    return digest_of("".join(f"{name}\0{_text(name)}\0" for name in sorted(found)))
+
+
+def digest_of(text: str) -> str:
+    """SHA-256 of a text, 16 hex digits."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 class ModuleLocator(_CacheLocator):  # type: ignore[misc]

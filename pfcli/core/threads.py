@@ -45,19 +45,19 @@ class _Worker:
             self._done.release()
 
 
-def _cores() -> int:
+def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 _workers: list[_Worker] = []
-_count = _cores()
+_count = cores()
 
 
 def set_threads(count: int) -> None:
     """Spread rows over `count` threads (0: as many as there are cores)."""
     global _count
-    _count = count or _cores()
+    _count = count or cores()
 
 
 def rows_of(look_ups: int) -> int:

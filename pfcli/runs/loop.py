@@ -2,7 +2,7 @@
 
 import gc
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,6 +22,7 @@ from pfcli.replay import align
 from pfcli.replay.log import Log
 from pfcli.replay.settings import Drive, Settings
 from pfcli.rng import Draw
+from pfcli.runs import warm
 from pfcli.runs.info_rows import InfoRows
 from pfcli.runs.progress import progress
 from pfcli.systems.shared.contract import Result, System
@@ -48,6 +49,8 @@ class Job(NamedTuple):
     command: Sequence[str] = ()
     ignore: Sequence[str] = ()
     """Codes of findings that are silenced."""
+    say: Callable[[str], None] = lambda text: None
+    """Hears of what takes long before the run begins."""
 
     @property
     def map_file(self) -> Path:
@@ -78,6 +81,7 @@ class Run(NamedTuple):
 
 def execute(job: Job) -> Run:
     """Replay the logs through the system. Raises LogError or UsageError before running where a need is not met."""
+    warm.ensure(job.system, job.say)
     began = time.perf_counter()
     set_threads(job.threads)
     log = Log(job.paths, job.settings)
