@@ -86,6 +86,7 @@ CODES: Mapping[str, str] = {
     "W612": "points that are not numbers",
     "W613": "landmarks that contradict themselves",
     "W614": "a note of the replay",
+    "W615": "a log that cannot be replayed as it is",
     "W701": "the result contradicts the readings",
     "W702": "the result is doubtful",
 }

@@ -44,7 +44,9 @@ def best_lag(evidence: Evidence) -> tuple[float, float, float]:
     return float(lags[best]), _difference(evidence, pairs, turning, 0.0), float(costs[best])
 
 
-def _difference(evidence: Evidence, pairs: Pairs, chosen: "np.ndarray[tuple[int], np.dtype[np.bool_]]", lag: float) -> float:
+def _difference(
+    evidence: Evidence, pairs: Pairs, chosen: "np.ndarray[tuple[int], np.dtype[np.bool_]]", lag: float
+) -> float:
     seconds = (pairs.stamps[chosen] - (evidence.start_ns or 0)) * 1e-9 + lag
     rows = evidence.motion
     turn = np.interp(seconds[:, 1], rows[:, 0], rows[:, 3]) - np.interp(seconds[:, 0], rows[:, 0], rows[:, 3])

@@ -87,10 +87,10 @@ class Evidence:
 
     def stamps(self, role: str, where: str, log_ns: NDArray[np.int64], stamp_ns: NDArray[np.int64]) -> None:
         """Messages of a role: when they were recorded, and their stamps (n,), in file order."""
-        kept = self._topics.setdefault(role, (where, [], []))
+        first = self.where.setdefault(role, where)
+        kept = self._topics.setdefault(role if where == first else f"{role} {where}", (where, [], []))
         kept[1].append(log_ns)
         kept[2].append(stamp_ns)
-        self.where.setdefault(role, where)
 
     def event(self, event: Event) -> None:
         """A message, in order of time."""
@@ -179,17 +179,17 @@ class Evidence:
         stamps = np.array([row[0] for row in rows], np.int64)
         found = np.array([row[1] for row in rows])
         mounts = np.array([row[2] for row in rows])
-        seconds = (stamps - (self.start_ns or 0)) * 1e-9
+        seconds = np.asarray((stamps - (self.start_ns or 0)) * 1e-9, np.float64)
         steps = sensor_steps(self.pose_at(seconds[:, 0]), self.pose_at(seconds[:, 1]), mounts)
         return Pairs(stamps, found[:, :3], steps, found[:, 3], found[:, 4])
 
     def _matched(self) -> Iterator[tuple[tuple[int, int], Any, tuple[float, float, float]]]:
         for first, second in self.samples.pairs:
-            if first.ranges_m.size != second.ranges_m.size or first.ranges_m.size < 20:
+            if first.ranges_m.size != second.ranges_m.size or first.ranges_m.size < 20 or first.bearings_rad.size:
                 continue
             angles = (first.angle_min_rad, first.angle_increment_rad)
             found = pair_motion(first.ranges_m, second.ranges_m, angles, usable_limits(first))
-            yield (first.stamp_ns, second.stamp_ns), found, tuple(first.mount)[:3]
+            yield (first.stamp_ns, second.stamp_ns), found, (first.mount.x_m, first.mount.y_m, first.mount.yaw_rad)
 
 
 def usable_limits(scan: Scan) -> tuple[float, float]:

@@ -24,5 +24,7 @@ def check(evidence: Evidence) -> Finding | None:
     )
 
 
-def _far(ranges: "np.ndarray[tuple[int], np.dtype[np.float32]]", high: float) -> "np.ndarray[tuple[int], np.dtype[np.float32]]":
+def _far(
+    ranges: "np.ndarray[tuple[int], np.dtype[np.float32]]", high: float
+) -> "np.ndarray[tuple[int], np.dtype[np.float32]]":
     return ranges[np.isfinite(ranges) & (ranges > FARTHEST_M) & (ranges < high)]

@@ -7,7 +7,7 @@ import numpy as np
 from pfcli.checks.evidence import Evidence
 from pfcli.findings import Finding
 
-_FEWEST, _SHARE = 4, 0.2
+_FEWEST, _SHARE = 4, 0.08
 
 
 def check(evidence: Evidence) -> Finding | None:

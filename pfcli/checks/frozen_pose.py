@@ -15,7 +15,9 @@ def check(evidence: Evidence) -> Finding | None:
     if len(rows) < 20:
         return None
     step = np.diff(rows[:, 0])
-    way = np.concatenate([[0.0], np.cumsum(step * (np.abs(np.hypot(rows[1:, 4], rows[1:, 5])) + 0.3 * np.abs(rows[1:, 6])))])
+    way = np.concatenate(
+        [[0.0], np.cumsum(step * (np.abs(np.hypot(rows[1:, 4], rows[1:, 5])) + 0.3 * np.abs(rows[1:, 6])))]
+    )
     if not np.isfinite(way[-1]):
         return None
     at = np.arange(rows[0, 0], rows[-1, 0], _WINDOW_S)

@@ -6,12 +6,12 @@ from pfcli.checks.evidence import Evidence
 from pfcli.events import stamp_text
 from pfcli.findings import Finding
 
-_SHORTEST_S, _TIMES = 1.0, 10.0
+_SHORTEST_S, _TIMES = 2.0, 10.0
 _READINGS = ("scan", "range", "lines", "landmarks")
 
 
 def check(evidence: Evidence) -> Finding | None:
-    """Readings pause for more than a second and ten times their usual distance: where the robot was is not seen."""
+    """Readings pause for more than two seconds and ten times their usual distance: where the robot was is not seen."""
     for role in _READINGS:
         topic = evidence.topics.get(role)
         if topic is None:

@@ -28,7 +28,7 @@ def check(evidence: Evidence) -> Finding | None:
 
 
 def _straightness(evidence: Evidence) -> float | None:
-    """How well the motion goes along its own heading (1: always, forwards or backwards); None where it hardly moves."""
+    """How well the motion goes along its own heading (1: always); None where it hardly moves."""
     rows = evidence.motion
     at = np.arange(rows[0, 0], rows[-1, 0], 0.2)
     x, y, yaw = (np.interp(at, rows[:, 0], rows[:, k]) for k in (1, 2, 3))
@@ -38,4 +38,4 @@ def _straightness(evidence: Evidence) -> float | None:
         return None
     middle = 0.5 * (yaw[1:] + yaw[:-1])
     body = np.angle(step[moved]) - middle[moved]
-    return float(np.abs(np.exp(2j * body).mean()))
+    return float(np.abs(np.exp(1j * body).mean()))

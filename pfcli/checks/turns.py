@@ -23,12 +23,16 @@ def turn_factor(evidence: Evidence) -> float | None:
 def check(evidence: Evidence) -> Finding | None:
     """Between scans the robot turns otherwise by its motion source than by the scans: a unit, a sign, a wheel base."""
     factor = turn_factor(evidence)
-    if factor is None or 0.8 < factor < 1.25 or factor == -1.0 or factor == 0.0:
+    if factor is None or 0.8 < factor < 1.25 or factor == -1.0:
         return None
     if abs(abs(factor) - DEGREES) < 1.0:
         seen, way_out = "turns by 57.3 times what the scans say: degrees are read as radians", "give yaw in radians"
     elif abs(abs(factor) * DEGREES - 1.0) < 0.05:
         seen, way_out = "turns by a 57th of what the scans say: radians were converted twice", "give yaw in radians"
+    elif factor == 0.0:
+        if np.ptp(evidence.motion[:, 1:3], axis=0).max() < 0.1:
+            return None  # it stands still altogether, which is another finding
+        seen, way_out = "never turns, and the scans do", "give its heading; --motion names another source"
     elif math.isnan(factor):
         seen = "turns have nothing to do with those of the scans"
         way_out = "look at its heading and at the clocks (--time log, --time-offset); another source: --motion"

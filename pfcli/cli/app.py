@@ -14,6 +14,7 @@ from pfcli.registry import systems
 
 _COMMANDS = {
     "info": ("pfcli.cli.commands.info:info", "What a log holds, and which systems it can feed."),
+    "check": ("pfcli.cli.commands.check:check", "What is wrong with a log: units, signs, clocks, mounts, losses."),
     "convert": ("pfcli.cli.commands.convert:convert", "CARMEN logs, ROS bags and logs of wheel ticks -> MCAP."),
     "repair": ("pfcli.cli.commands.repair:repair", "A damaged or odd MCAP log -> a clean, indexed one."),
     "simulate": ("pfcli.cli.commands.simulate:simulate", "Worlds, robots and sensors with truth -> MCAP."),

@@ -23,7 +23,7 @@ from pfcli.replay.frames.base_readings import BaseReadings, Setup
 from pfcli.replay.frames.log_frames import LogFrames
 from pfcli.replay.frames.robot_frames import Wanted as WantedFrames
 from pfcli.replay.frames.transform_source import pair_of
-from pfcli.replay.reorder import Reorder, Source, Waiting
+from pfcli.replay.reorder import Heard, Reorder, Source, Waiting
 from pfcli.replay.settings import Settings
 
 SOURCE_STAMP_TOPIC = "/source_stamp"
@@ -128,8 +128,8 @@ class Log:
             )
         return topics[0] if topics else None
 
-    def events(self, roles: Sequence[str]) -> Iterator[Event]:
-        """Events of the topics that play `roles`, in the total order."""
+    def events(self, roles: Sequence[str], heard: Heard | None = None) -> Iterator[Event]:
+        """Events of the topics that play `roles`, in the total order; `heard` is told of their times."""
         self.dropped, reading = Dropped(), self.settings
         self.frames.settle(self._odometry(roles))
         sources = [s for role in roles for s in self._sources(role)]
@@ -139,7 +139,7 @@ class Log:
         offsets = {role: int(s * SECOND) for role, s in reading.offsets_s.items()}
         room = int(reading.limits.buffer_mib * 2**20)
         waiting = Waiting(int(reading.reorder_s * SECOND), room, reading.clock, offsets)
-        order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped)
+        order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped, heard)
         for source, buffer, offset, length, stamp_ns in order.messages(self._file.batches(_wanted(sources))):
             event = self._decoded(source, buffer, offset, length, stamp_ns, placed)
             if event is not None:

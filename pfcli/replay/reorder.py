@@ -32,6 +32,11 @@ Stamp = Callable[[bytes], int | None]
 """Payload -> stamp (ns); None: holds nothing for this source. Raises ValueError."""
 
 
+Heard = Callable[[str, str, NDArray[np.int64], NDArray[np.int64]], None]
+"""Told of every wanted message before it is put in order: role, place for notes, log times (n,) and stamps (n,), ns; negative
+where a message has no usable stamp."""
+
+
 class Source(NamedTuple):
     """A channel that plays a role: how it is decoded, how it is stamped (None: by its ROS header), what notes call it."""
 
@@ -83,9 +88,11 @@ class Reorder:
         waiting: Waiting,
         window: tuple[float | None, float | None],
         dropped: Dropped,
+        heard: Heard | None = None,
     ) -> None:
         self._path, self._sources, self._waiting, self._loss = path, sources, waiting, dropped
         self._start_s, self._end_s = window
+        self._heard = heard
         self._buffers: dict[int, bytes | memoryview] = {}
         self._rows = np.empty((0, 7), np.int64)
         """stamp, rank, place in the file, index of the source, key of the buffer, offset, length"""
@@ -114,6 +121,8 @@ class Reorder:
                 continue
             rows = np.empty((picked.size, 7), np.int64)
             rows[:, 0] = self._stamps(source, batch, picked)
+            if self._heard is not None:
+                self._heard(source.role, source.where, batch.log_ns[picked], rows[:, 0].copy())
             rows[:, 1] = RANK[source.role]
             rows[:, 2] = picked + self._count
             rows[:, 3], rows[:, 4] = index, key

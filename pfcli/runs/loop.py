@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.checks.evidence import Evidence
+from pfcli.checks.stamps_stand_still import check as stand_still
+from pfcli.checks.table import judged
 from pfcli.core.rows import Rows
 from pfcli.core.threads import set_threads
 from pfcli.dropped import Dropped
@@ -96,11 +99,13 @@ def execute(job: Job) -> Run:
     updates = Rows((2,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
-    events = _without_truth(_replay(log, roles, dropped), truth)
+    evidence = Evidence(log.path)
+    events = _without_truth(_replay(log, roles, dropped, evidence), truth)
     sweeps = align.sweeps(events, motion, job.drive, dropped, deskew=job.settings.deskew)
     for sweep in progress(_with_data(sweeps, dropped), job.progress, job.system.name):
         if state is None:
             state = filter_.init(job.params, assets, sweep, draw)
+        evidence.moved(sweep.stamp_ns, sweep.odometry)
         start = time.perf_counter()
         state, info = filter_.step(state, sweep, assets, job.params, draw)
         scans += 1
@@ -108,14 +113,19 @@ def execute(job: Job) -> Run:
             infos.append(info)
             updates.append((sweep.stamp_ns * 1e-9, time.perf_counter() - start))
     looped = time.perf_counter()
+    still = stand_still(evidence)
+    if still is not None and still.code not in job.ignore:
+        raise LogError(still.line)
     if not infos:
         raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, dropped, job.system)}")
     result = filter_.finish(state, assets, job.params)
     if result.dropped is not None:
         dropped.take(result.dropped)
     errors = _errors(job, result, truth)
-    seconds = {"open": opened - began, "loop": looped - opened, "finish": time.perf_counter() - looped}
-    findings = without(dropped.findings(), job.ignore)
+    finished = time.perf_counter()
+    findings = without([*dropped.findings(), *judged(evidence)], job.ignore)
+    seconds = {"open": opened - began, "loop": looped - opened, "finish": finished - looped}
+    seconds["checks"] = time.perf_counter() - finished
     return Run(result, infos, errors, dropped, seconds, motion, updates.array(), findings)
 
 
@@ -172,8 +182,10 @@ _NOUNS = {
 }
 
 
-def _replay(log: Log, roles: list[str], dropped: Dropped) -> Iterator[Event]:
-    yield from log.events(roles)
+def _replay(log: Log, roles: list[str], dropped: Dropped, evidence: Evidence) -> Iterator[Event]:
+    for event in log.events(roles, evidence.stamps):
+        evidence.event(event)
+        yield event
     dropped.take(log.dropped)
 
 

@@ -112,20 +112,12 @@ def _align(first, second, start, step, limits, pose):  # type: ignore[no-untyped
         a00 += ridge
         a11 += ridge
         a22 += 1e-3 * count
-        det = (
-            a00 * (a11 * a22 - a12 * a12) - a01 * (a01 * a22 - a12 * a02) + a02 * (a01 * a12 - a11 * a02)
-        )
+        det = a00 * (a11 * a22 - a12 * a12) - a01 * (a01 * a22 - a12 * a02) + a02 * (a01 * a12 - a11 * a02)
         if abs(det) < 1e-12:
             return 0.0, 0.0
-        x = (
-            b0 * (a11 * a22 - a12 * a12) - a01 * (b1 * a22 - a12 * b2) + a02 * (b1 * a12 - a11 * b2)
-        ) / det
-        y = (
-            a00 * (b1 * a22 - a12 * b2) - b0 * (a01 * a22 - a12 * a02) + a02 * (a01 * b2 - b1 * a02)
-        ) / det
-        z = (
-            a00 * (a11 * b2 - b1 * a12) - a01 * (a01 * b2 - b1 * a02) + b0 * (a01 * a12 - a11 * a02)
-        ) / det
+        x = (b0 * (a11 * a22 - a12 * a12) - a01 * (b1 * a22 - a12 * b2) + a02 * (b1 * a12 - a11 * b2)) / det
+        y = (a00 * (b1 * a22 - a12 * b2) - b0 * (a01 * a22 - a12 * a02) + a02 * (a01 * b2 - b1 * a02)) / det
+        z = (a00 * (a11 * b2 - b1 * a12) - a01 * (a01 * b2 - b1 * a02) + b0 * (a01 * a12 - a11 * a02)) / det
         pose[0] += x
         pose[1] += y
         pose[2] += z
@@ -147,10 +139,12 @@ def pair_motion(
     first, second = np.array(first_m, np.float64), np.array(second_m, np.float64)
     limits = np.array(limits_m, np.float64)
     shift = _shift(first, second, limits, int(_WIDEST_RAD / abs(angles[1])))
-    best = PairMotion(0.0, 0.0, 0.0, 0.0, 0.0)
+    best = PairMotion(x_m=0.0, y_m=0.0, yaw_rad=0.0, inliers=0.0, held=0.0)
     for yaw in {0.0, shift * angles[1]}:
         pose = np.array([0.0, 0.0, yaw])
         inliers, held = _align(first, second, float(angles[0]), float(angles[1]), limits, pose)
         if inliers > best.inliers:
-            best = PairMotion(*map(float, pose), float(inliers), float(held))
+            best = PairMotion(
+                x_m=float(pose[0]), y_m=float(pose[1]), yaw_rad=float(pose[2]), inliers=float(inliers), held=float(held)
+            )
     return best

@@ -3,6 +3,7 @@
 from typing import Any
 
 from pfcli.core.grid.scan_points import Points, points_of
+from pfcli.core.sensor.usable_range import usable_m
 from pfcli.events import Sweep
 
 
@@ -15,7 +16,7 @@ def usable_points(
     no more than these; clear_m, cell_m: see `points_of`.
     """
     scan = sweep.scan
-    high = params.max_range_m or scan.range_max_m
+    high = usable_m(scan.range_max_m, params.max_range_m)
     stride = 1 if most_beams is None else -(-scan.ranges_m.size // most_beams) or 1
     angles, limits = (scan.angle_min_rad, scan.angle_increment_rad), (scan.range_min_m, high)
     points = points_of(scan.ranges_m, angles, limits, scan.mount, stride, min(clear_m, high), cell_m, scan.bearings_rad)
