@@ -7,6 +7,8 @@ from pfcli.events import stamp_text
 from pfcli.findings import Finding
 
 _SHORTEST_S, _TIMES = 2.0, 10.0
+_BLIND_S, _BLIND_M = 5.0, 1.0
+"""So far the robot may go unseen before the map behind it is in doubt."""
 _READINGS = ("scan", "range", "lines", "landmarks")
 
 
@@ -24,13 +26,22 @@ def check(evidence: Evidence) -> Finding | None:
         long = np.flatnonzero(steps > limit)
         if long.size:
             worst = int(np.argmax(steps))
+            way_m = _way(evidence, int(stamps[worst]), int(stamps[worst + 1]))
             return Finding(
                 code="W106",
-                severity="note",
+                severity="doubt" if steps[worst] > _BLIND_S and way_m > _BLIND_M else "note",
                 where=topic.where,
                 seen=f"{long.size} gaps of more than {limit:.1f} s, the longest {steps[worst]:.1f} s after"
-                f" {stamp_text(int(stamps[worst]))}",
+                f" {stamp_text(int(stamps[worst]))}, in which the robot went {way_m:.1f} m",
                 effect="there the odometry alone says where the robot went",
                 way_out="--start and --end leave a part out",
             )
     return None
+
+
+def _way(evidence: Evidence, begin_ns: int, end_ns: int) -> float:
+    """How far (m) the motion source went between two stamps."""
+    if len(evidence.motion) < 2 or evidence.start_ns is None:
+        return 0.0
+    begin, end = evidence.pose_at(np.array([begin_ns - evidence.start_ns, end_ns - evidence.start_ns]) * 1e-9)
+    return float(np.hypot(*(end - begin)[:2]))

@@ -117,7 +117,8 @@ def execute(job: Job) -> Run:
     if still is not None and still.code not in job.ignore:
         raise LogError(still.line)
     if not infos:
-        raise LogError(f"{job.paths[0]}: {_nothing_ran(scans, dropped, job.system)}")
+        why = [found.line for found in judged(evidence) if found.severity == "doubt"][:1]
+        raise LogError("; ".join([f"{job.paths[0]}: {_nothing_ran(scans, dropped, job.system)}", *why]))
     result = filter_.finish(state, assets, job.params)
     if result.dropped is not None:
         dropped.take(result.dropped)

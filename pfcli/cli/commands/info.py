@@ -14,7 +14,10 @@ from pfcli.cli.types import Readable, max_chunk_option
 @click.argument("logs", nargs=-1, required=True, type=Readable())
 @max_chunk_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per log.")
-def info(logs: tuple[Path, ...], max_chunk_mib: float, as_json: bool) -> int:
+@click.option(
+    "--check", "look", is_flag=True, help="Say what is wrong with each log instead: `pfcli check` with no option."
+)
+def info(logs: tuple[Path, ...], max_chunk_mib: float, as_json: bool, look: bool) -> int:
     """What each LOG holds: topics, types, counts, rates, gaps, span, and which systems can run on it. `-`: standard input.
 
     Example: pfcli info --json *.mcap | jq -r '.log + " " + (.span_s | tostring)'
@@ -22,6 +25,14 @@ def info(logs: tuple[Path, ...], max_chunk_mib: float, as_json: bool) -> int:
     from pfcli.cli.printing import emit, lost
 
     code = 0
+    if look:
+        from pfcli.cli.commands.check import checked
+        from pfcli.formats.limits import Limits
+        from pfcli.replay.settings import Settings
+
+        settings = Settings(limits=Limits(chunk_mib=max_chunk_mib))
+        given = {"deep": False, "ignore": (), "strict": False, "as_json": as_json}
+        return max(checked([path], settings, given) for path in logs)
     for path in logs:
         found, notes = _describe(path, max_chunk_mib)
         emit(found, list(_lines(found)), as_json)

@@ -15,6 +15,7 @@ from pfcli.core.grid.coarse_search import Window, coarse
 from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import Points, beams_of, points_of
 from pfcli.core.motion.odometry import information
+from pfcli.core.sensor.usable_range import usable_m
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sweep
 from pfcli.rng import Draw, Purpose
@@ -100,7 +101,7 @@ def step(state: State, sweep: Sweep, assets: None, params: Params, draw: Draw) -
 
 def _points(sweep: Sweep, params: Params) -> Points:
     scan = sweep.scan
-    high = params.max_range_m or scan.range_max_m
+    high = usable_m(scan.range_max_m, params.max_range_m)
     stride = -(-scan.ranges_m.size // params.max_beams) or 1
     return points_of(
         scan.ranges_m,
