@@ -34,6 +34,7 @@ _COMMANDS = {
     "table": ("pfcli.cli.commands.table:table", "The range table of a map, as localize-lookup uses it."),
     "warm": ("pfcli.cli.commands.warm:warm", "Compile kernels beforehand, for CI images and containers."),
     "params": ("pfcli.cli.commands.params:params", "A system's parameters as TOML."),
+    "new-system": ("pfcli.cli.commands.new_system:new_system", "A package with a system of your own."),
 }
 
 

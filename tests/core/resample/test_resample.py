@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pfcli import registry
+from pfcli.api.contract_tests import a_resampler_is_unbiased
 from pfcli.core.resample import csw, gdr, schemes, stratified, systematic
 from pfcli.errors import UsageError
 from pfcli.systems.shared import resampling
@@ -54,20 +55,19 @@ SCHEMES = {"csw": schemes.csw, "multinomial": schemes.multinomial, "stratified":
 SCHEMES["systematic"] = schemes.systematic
 
 
-@pytest.mark.parametrize("count", [2, 4, 9])
 @pytest.mark.parametrize("name", SCHEMES)
-def test_any_number_of_offspring_is_unbiased(name: str, count: int) -> None:
-    rng = np.random.default_rng(2)
-    w = np.array([0.05, 0.5, 0.15, 0.3])
-    runs = 4000
-    counts = np.zeros(4)
-    for _ in range(runs):
-        found = SCHEMES[name](w, count, rng)
-        assert found.dtype == np.int64
-        assert found.shape == (count,)
-        counts += np.bincount(found, minlength=4)
-    # a count per run has a variance of at most count / 4 (multinomial): five standard errors of the mean
-    assert np.abs(counts / runs - count * w).max() < 5 * np.sqrt(count / 4 / runs)
+def test_any_number_of_offspring_is_unbiased(name: str) -> None:
+    a_resampler_is_unbiased(SCHEMES[name])
+
+
+def test_a_biased_resampler_is_found_out() -> None:
+    def always_first(weights: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+        found = schemes.multinomial(weights, count, rng)
+        found[0] = 0
+        return found
+
+    with pytest.raises(AssertionError, match="biased for 1 offspring"):
+        a_resampler_is_unbiased(always_first)
 
 
 def test_every_resampler_is_found_by_its_name_and_has_a_help() -> None:
