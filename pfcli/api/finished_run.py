@@ -13,7 +13,7 @@ from pfcli.findings import Finding
 from pfcli.formats import parquet
 from pfcli.formats.atomic import check_picture, output_dir
 from pfcli.reports import overlay as overlays
-from pfcli.reports import page, plots
+from pfcli.reports import page, run_picture
 from pfcli.runs import loop, results
 from pfcli.systems.shared.contract import Result
 
@@ -99,7 +99,7 @@ class FinishedRun:
     def plot(self, path: str | Path) -> Path:
         """Draw map and track into a PNG, SVG or PDF. Raises OutputError."""
         check_picture(Path(path))
-        plots.draw(Path(path), self.result, self._job.system.name)
+        run_picture.write(Path(path), self._job, self._done)
         return Path(path)
 
     def __repr__(self) -> str:
@@ -107,7 +107,7 @@ class FinishedRun:
         return f"<{found['system']}: {found['scans']} {self._job.system.readings}, {found['updates']} updates>"
 
     def _repr_png_(self) -> bytes:
-        return plots.png(self.result, self._job.system.name)
+        return run_picture.png(self._job, self._done)
 
     def _repr_html_(self) -> str:
         truth = self.summary.get("truth", {})

@@ -162,9 +162,9 @@ def _run(name: str, given: dict[str, Any]) -> int:
 
             page.write(folder, folder / "report.html")
         if given["plot"] is not None:
-            from pfcli.reports.plots import draw
+            from pfcli.reports import run_picture
 
-            draw(given["plot"], done.result, job.system.name)
+            run_picture.write(given["plot"], job, done)
         if given["animate"] is not None:
             animation.animate(given["animate"], done.result, job.system.name)
     lines = [] if given["quiet"] else _lines(summary, given["out"], job.system.readings)

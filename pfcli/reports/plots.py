@@ -1,8 +1,7 @@
-"""Pictures of a run (matplotlib, Agg)."""
+"""What pictures are made of: maps, landmarks, tracks (matplotlib, Agg)."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -11,36 +10,8 @@ from numpy.typing import NDArray
 
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.formats.atomic import output_file
-from pfcli.systems.shared.contract import Result
 
-_DPI = 110
-
-
-def draw(path: Path, result: Result, title: str) -> None:
-    """Map with the track over it. The bytes depend on the result only (no date, fixed ids)."""
-    with _picture(path, title) as axes:
-        _draw_run(axes, result)
-
-
-def png(result: Result, title: str) -> bytes:
-    """The same picture as the bytes of a PNG."""
-    out = BytesIO()
-    with _figure() as (figure, axes):
-        _draw_run(axes, result)
-        _label(axes, title)
-        figure.savefig(out, format="png", dpi=_DPI)
-    return out.getvalue()
-
-
-def _draw_run(axes: Any, result: Result) -> None:
-    if result.grid is not None:
-        draw_map(axes, result.grid)
-    if "landmarks" in result.tables:
-        _landmarks(axes, result.tables["landmarks"])
-    poses = result.track.poses
-    axes.plot(poses[:, 0], poses[:, 1], color="tab:red", linewidth=0.9, label="track")
-    axes.plot(*poses[0, :2], "o", color="tab:green", markersize=5, label="start")
-    axes.plot(*poses[-1, :2], "s", color="tab:blue", markersize=5, label="end")
+DPI = 110
 
 
 def draw_tracks(path: Path, grid: GridMap | None, tracks: Mapping[str, NDArray[np.float64]]) -> None:
@@ -59,7 +30,7 @@ def _picture(path: Path, title: str) -> Iterator[Any]:
         yield axes
         _label(axes, title)
         with output_file(path) as partial:
-            figure.savefig(partial, dpi=_DPI, metadata=metadata_of(path))
+            figure.savefig(partial, dpi=DPI, metadata=metadata_of(path))
 
 
 @contextmanager
@@ -95,7 +66,7 @@ def agg() -> Any:
     return pyplot
 
 
-def _landmarks(axes: Any, table: dict[str, Any]) -> None:
+def draw_landmarks(axes: Any, table: dict[str, Any]) -> None:
     """Landmarks with the ellipses of two standard deviations."""
     from matplotlib.patches import Ellipse
 

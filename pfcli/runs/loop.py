@@ -80,6 +80,8 @@ class Run(NamedTuple):
     motion: str
     updates: NDArray[np.float64]
     findings: Sequence[Finding] = ()
+    odometry: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None
+    """Stamps (n,) ns and raw poses (n, 3) of every reading, in the odometry's own frame."""
 
 
 def execute(job: Job) -> Run:
@@ -96,7 +98,7 @@ def execute(job: Job) -> Run:
     assets = filter_.load(job.params, job)
     draw = Draw(job.seed)
     state, infos, scans = None, InfoRows(filter_.info), 0
-    updates = Rows((2,))
+    updates, stamps, odometry = Rows((2,)), Rows((), np.int64), Rows((3,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
     evidence = Evidence(log.path)
@@ -109,6 +111,8 @@ def execute(job: Job) -> Run:
         start = time.perf_counter()
         state, info = filter_.step(state, sweep, assets, job.params, draw)
         scans += 1
+        stamps.append(sweep.stamp_ns)
+        odometry.append(sweep.odometry)
         if info is not None:
             infos.append(info)
             updates.append((sweep.stamp_ns * 1e-9, time.perf_counter() - start))
@@ -127,7 +131,17 @@ def execute(job: Job) -> Run:
     findings = without([*dropped.findings(), *judged(evidence)], job.ignore)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": finished - looped}
     seconds["checks"] = time.perf_counter() - finished
-    return Run(result, infos, errors, dropped, seconds, motion, updates.array(), findings)
+    return Run(
+        result=result,
+        infos=infos,
+        errors=errors,
+        dropped=dropped,
+        seconds=seconds,
+        motion=motion,
+        updates=updates.array(),
+        findings=findings,
+        odometry=(stamps.array(), odometry.array()),
+    )
 
 
 def motion_source(log: Log, wanted: str) -> str:

@@ -7,12 +7,13 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from PIL import Image
 
 from pfcli.errors import UsageError
-from pfcli.reports import animation, overlay, plots
+from pfcli.reports import animation, overlay, run_picture
 from tests.reports.runs import done, short_run
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -21,12 +22,39 @@ RERUN = shutil.which("rerun")
 
 @pytest.mark.parametrize("ending", ["svg", "pdf", "png"])
 def test_a_picture_repeats_byte_for_byte(ending: str, tmp_path: Path) -> None:
-    result = done("slam-gdr")[1].result
+    job, run = done("slam-gdr")
     for name in "ab":
-        plots.draw(tmp_path / f"{name}.{ending}", result, "twice")
+        run_picture.write(tmp_path / f"{name}.{ending}", job, run)
     a, b = ((tmp_path / f"{name}.{ending}").read_bytes() for name in "ab")
     assert a == b
     assert len(a) > 5000
+
+
+def test_a_picture_shows_truth_odometry_confidence_and_a_scale(tmp_path: Path) -> None:
+    job, run = done("localize-reliable")
+    run_picture.write(tmp_path / "a.svg", job, run)
+    shown = run_picture.drawn(job, run)
+    assert shown.confidence is not None
+    assert shown.truth is not None
+    assert np.nanmax(np.hypot(*(shown.truth - shown.poses[:, :2]).T) - run.errors.position_m) < 1e-9  # type: ignore[union-attr]
+    assert shown.odometry is not None
+    first = int(np.argmax(np.isfinite(shown.poses).all(axis=1)))
+    assert np.allclose(shown.odometry[first], shown.poses[first])
+    assert shown.title.startswith("localize-reliable: kidnapped.mcap")
+
+
+def test_a_pose_that_moves_farther_than_the_wheels_is_a_jump_and_no_line(tmp_path: Path) -> None:
+    job, run = done("slam-gdr")
+    poses = run.result.track.poses.copy()
+    poses[len(poses) // 2 :, 0] += 3.0
+    poses[3] = np.nan
+    result = run.result._replace(track=run.result.track._replace(poses=poses))
+    assert np.flatnonzero(run_picture.drawn(job, run).jumps).size == 0
+    assert np.flatnonzero(run_picture.drawn(job, run._replace(result=result)).jumps).tolist() == [
+        2,
+        3,
+        len(poses) // 2 - 1,
+    ]
 
 
 def test_a_film_shows_the_particles_gather(tmp_path: Path) -> None:
@@ -103,7 +131,7 @@ def test_runs_are_compared_and_what_differs_is_named(pfcli: Cli, tmp_path: Path)
 
 
 def test_options_stand_in_groups_and_shells_complete(pfcli: Cli) -> None:
-    text = pfcli("slam-gdr", "--help").stdout
+    text = pfcli("slam-gdr", "--help-all").stdout
     order = [
         text.index(word) for word in ("\nInput:", "--topic", "\nFilter:", "--particles", "\nOutput:", "--out PATH")
     ]

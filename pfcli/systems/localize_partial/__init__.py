@@ -25,6 +25,7 @@ SYSTEM = System(
         SPREAD,
     ),
     classes=("", "", "C2", "C3", "C4", "C5", "C6"),
+    confidence="in_map",
     equations=5,
     example=Example("partial.mcap", ("--end", "25", "--particles", "3000"), "partial-partial.yaml"),
 )

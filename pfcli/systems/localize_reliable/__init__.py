@@ -31,6 +31,7 @@ SYSTEM = System(
         N_EFF,
     ),
     classes=("doubted", "trusted"),
+    confidence="p_success",
     equations=5,
     example=Example("kidnapped.mcap", ("--end", "30"), "kidnapped.yaml"),
 )

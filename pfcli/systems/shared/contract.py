@@ -35,8 +35,9 @@ class System(NamedTuple):
     has them; map: it needs `--map`; frame: `given` (poses are in the frame of a map or field: `--initial` and
     `--heading-prior` follow) or `own`; readings: what its users call what it is fed; unusable: what none of them does where
     nothing could be estimated; charts: of its report; classes: names of `particle_class`; codes: of its own findings, such as
-    `slam-gdr:W1`, and their titles; equations: rows of the first
-    table of its PAPER.md, at least; example: a run for the contract tests; variants: whole records behind flags of the command.
+    `slam-gdr:W1`, and their titles; confidence: the column of its track (0 .. 1) that says how sure it is, which colours
+    pictures; equations: rows of the first table of its PAPER.md, at least; example: a run for the contract tests;
+    variants: whole records behind flags of the command.
     """
 
     name: str
@@ -52,6 +53,7 @@ class System(NamedTuple):
     charts: tuple[Chart, ...] = ()
     classes: tuple[str, ...] = ()
     codes: "Mapping[str, str]" = MappingProxyType({})
+    confidence: str = ""
     equations: int = 0
     example: "Example | None" = None
     variants: "Mapping[str, System]" = MappingProxyType({})
