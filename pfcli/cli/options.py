@@ -140,10 +140,10 @@ def settings_of(given: dict[str, Any]) -> Settings:
     )
 
 
-def band_of(text: str | None) -> Band:
+def band_of(text: str | None) -> Band | None:
     """Heights of `--slice-m LOW,HIGH` (m)."""
     if text is None:
-        return Band()
+        return None
     try:
         low, high = (float(v) for v in text.split(","))
         if not -math.inf < low < high < math.inf:
@@ -285,7 +285,7 @@ def reading_options(command: _Command) -> _Command:
                 metavar="LOW,HIGH",
                 default=None,
                 help="Heights above the floor between which things are walls, for point clouds and scanners that"
-                " lean [m].  (default: 0.1,2.0)",
+                " lean [m].  (default: 0.1,2.0; of a scanner that leans up to the ceiling, where one shows)",
             ),
             click.option(
                 "--deskew/--no-deskew",

@@ -134,7 +134,7 @@ class Log:
         self.frames.settle(self._odometry(roles))
         sources = [s for role in roles for s in self._sources(role)]
         self.frames.prepare(sources)
-        setup = Setup(reading.image, reading.landmark_ranges, reading.band)
+        setup = Setup(reading.image, reading.landmark_ranges, reading.band or self.frames.band(sources))
         placed = BaseReadings(self.frames.robot, setup, self.dropped)
         offsets = {role: int(s * SECOND) for role, s in reading.offsets_s.items()}
         room = int(reading.limits.buffer_mib * 2**20)

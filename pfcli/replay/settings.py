@@ -123,7 +123,7 @@ AS_TOLD = Deskew()
 class Settings(NamedTuple):
     """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, the image of
     vision that gives pixels, what landmarks' ranges are (one of `RANGES`), limits, the base frame and the robot's namespace
-    ('': what the log says), the heights that are walls, and how scans are de-skewed."""
+    ('': what the log says), the heights that are walls (None: what the log tells), and how scans are de-skewed."""
 
     topics: Mapping[str, str] = {}
     clock: str = "header"
@@ -137,5 +137,5 @@ class Settings(NamedTuple):
     limits: Limits = Limits()
     base_frame: str = ""
     robot: str = ""
-    band: Band = Band()
+    band: Band | None = None
     deskew: Deskew = Deskew()

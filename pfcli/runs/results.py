@@ -18,7 +18,7 @@ from pfcli.formats import map_yaml, parquet, tum
 from pfcli.formats.folders import find
 from pfcli.params import to_toml
 from pfcli.registry import filter_of
-from pfcli.replay.settings import Band, Deskew, Drive
+from pfcli.replay.settings import Deskew, Drive
 from pfcli.runs.loop import Job, Run
 from pfcli.systems.shared.contract import Result
 
@@ -26,7 +26,7 @@ _TIMES = 60
 """Points of the curve of update times."""
 
 
-_UNSAID: tuple[Any, ...] = (None, (), {}, "", Band(), Deskew())
+_UNSAID: tuple[Any, ...] = (None, (), {}, "", Deskew())
 """Settings that nobody has made."""
 
 

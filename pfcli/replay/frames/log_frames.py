@@ -5,15 +5,19 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfcli.errors import UsageError, printable
+from pfcli.events import Scan
 from pfcli.formats.messages import decoder
 from pfcli.formats.reader import Wanted as WantedMessages
 from pfcli.replay.frames import tf_survey
-from pfcli.replay.frames.robot_frames import STANDARD, RobotFrames, Wanted
+from pfcli.replay.frames.ceiling import EVERY, MOST, ceiling_m, heights
+from pfcli.replay.frames.robot_frames import STANDARD, STEEPEST_RAD, Mount, RobotFrames, Wanted
 from pfcli.replay.frames.transform_source import Pair, carrier_of, pair_of, proposals, reader_of
 from pfcli.replay.frames.transform_tree import MOVING, Chain, Edge, Tree
 from pfcli.replay.reorder import Source
+from pfcli.replay.settings import Band
 
 _ODOMETRY = "nav_msgs/msg/Odometry"
 _PLACED = ("scan", "range", "imu", "compass", "lines", "landmarks", "twist")
@@ -155,6 +159,34 @@ class LogFrames:
                     found.append((waiting.pop(ident), frame))
             if not waiting:
                 break
+        return found
+
+    def band(self, sources: Sequence[Source]) -> Band:
+        """Heights that are walls, for the scanners among these that lean: up to the ceiling, where one shows."""
+        channels = {s.channel.id: s for s in sources if s.role == "scan"}
+        seen: list[NDArray[np.float64]] = []
+        top = 0.0
+        for source, frame in self._first_frames(list(channels.values())):
+            way = self.robot.way_to_base(frame, source.channel.topic)
+            if way is None or way.moving:
+                continue
+            mount, _ = self.robot.mount(frame, source.channel.topic, 0)
+            if not mount.level and mount.tilt_rad < STEEPEST_RAD and mount.height_m > 0.0:
+                seen += self._heights(source, mount)
+                top = max(top, mount.height_m)
+        return Band() if not seen else Band(Band().low_m, ceiling_m(np.concatenate(seen), top))
+
+    def _heights(self, source: Source, mount: Mount) -> list[NDArray[np.float64]]:
+        """Heights of the end points of some scans of the whole recording."""
+        found: list[NDArray[np.float64]] = []
+        for batch in self._file.batches(WantedMessages(frozenset({source.channel.id}))):
+            for k in np.flatnonzero(batch.channel == source.channel.id)[::EVERY].tolist():
+                try:
+                    event, _ = source.decode(batch.data, int(batch.offset[k]), int(batch.length[k]), 0)
+                except (ValueError, OverflowError, struct.error):
+                    continue
+                if isinstance(event, Scan) and len(found) < MOST:
+                    found.append(heights(event, mount))
         return found
 
     def notes(self) -> list[str]:

@@ -14,11 +14,9 @@ from pfcli.dropped import Dropped
 from pfcli.errors import LogError, printable
 from pfcli.events import Heading, Landmarks, Odometry, Pose2, Range, Scan, Truth, Twist, YawRate
 from pfcli.formats.raw_readings import Attitude, BodyPose, BodySpeed, Cloud, Gyroscope, Magnetometer, Spots
-from pfcli.replay.frames.robot_frames import Mount
+from pfcli.replay.frames.robot_frames import STEEPEST_RAD, Mount
 from pfcli.replay.settings import Band
 
-STEEPEST_RAD = math.radians(45.0)
-"""A scanner whose plane leans more sees floor and ceiling rather than walls."""
 BEARINGS = 720
 """Of the virtual scan that is made of a point cloud."""
 _SHOWN_DEG = 0.1

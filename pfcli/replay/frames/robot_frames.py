@@ -18,6 +18,9 @@ _FLOOR = "base_footprint"
 LEVEL_RAD = 1e-3
 """So little tilt is level: at 30 m a beam is 3 cm off its height."""
 
+STEEPEST_RAD = math.radians(45.0)
+"""A scanner whose plane leans more sees floor and ceiling rather than walls."""
+
 
 class Mount(NamedTuple):
     """A sensor seen from the base frame, in space and in the plane; tilt_rad: of its plane; height_m: above the floor, or
