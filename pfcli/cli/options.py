@@ -110,7 +110,9 @@ def settings_of(given: dict[str, Any]) -> Settings:
     """Reading options as Settings."""
     roles = tuple(ROLES)
     offsets = {}
-    for role, text in pairs(given["time_offset"], "--time-offset", roles).items():
+    asked = pairs(given["time_offset"], "--time-offset", roles)
+    estimate = asked.get("scan") == "auto" and bool(asked.pop("scan"))
+    for role, text in asked.items():
         try:
             offsets[role] = float(text)
         except ValueError:
@@ -137,6 +139,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
         robot=given["robot"],
         band=band_of(given["slice_m"]),
         deskew=Deskew(given["deskew"], given["scan_duration"], given["scan_stamp"]),
+        estimate_offset=estimate,
     )
 
 
@@ -263,7 +266,7 @@ def reading_options(command: _Command) -> _Command:
                 "--time-offset",
                 multiple=True,
                 metavar="ROLE=S",
-                help="Add seconds to the stamps of a role, such as scan=-0.03.",
+                help="Add seconds to the stamps of a role, such as scan=-0.03; scan=auto finds them by the turns.",
             ),
             click.option(
                 "--extrinsic",

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pfcli.dropped import Dropped
 from pfcli.errors import UsageError, printable
 from pfcli.events import Event
@@ -30,6 +32,7 @@ SOURCE_STAMP_TOPIC = "/source_stamp"
 _TRUTH_NAMES = ("truth", "ground_truth", "groundtruth", "mocap", "reference")
 _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_msgs/msg/NavSatFix")
 _COMMAND = "geometry_msgs/msg/Twist"
+_LAG_S, _LAGS = 0.9, 200
 _VISION = ("lines", "landmarks")
 _PLACES = 10
 """So many damaged places of a log are named; the others are counted."""
@@ -153,6 +156,29 @@ class Log:
         self.dropped.notes += self._file.notes
         if self._file.missing:
             self.dropped.counts["missing message"] += self._file.missing
+
+    def clock_lag_s(self, role: str, other: str) -> float:
+        """Seconds to add to the stamps of a role so that both roles are stamped as long before they were recorded; 0 where that
+        is less than a second, which may be how long messages took."""
+        first, second = self._ahead_s(role), self._ahead_s(other)
+        lag = 0.0 if first is None or second is None else second - first
+        return lag if abs(lag) > _LAG_S else 0.0
+
+    def _ahead_s(self, role: str) -> float | None:
+        """How much later than the recorder's time the stamps of a role are, in the median over some messages."""
+        waiting = Waiting(0, 0, "header", {})
+        for source in self._sources(role if role in ROLES else "odometry"):
+            order = Reorder(self.path, [source], waiting, (None, None), Dropped())
+            ahead: list[int] = []
+            for batch in self._file.batches(Wanted(frozenset({source.channel.id}))):
+                picked = np.flatnonzero(batch.channel == source.channel.id)
+                stamps = order.stamps(source, batch, picked)
+                ahead += (stamps - batch.log_ns[picked])[stamps >= 0].tolist()
+                if len(ahead) >= _LAGS:
+                    break
+            if ahead:
+                return float(np.median(ahead[:_LAGS])) / SECOND
+        return None
 
     def _odometry(self, roles: Sequence[str]) -> str | None:
         """The topic whose child frame is the robot's base: the odometry that is read, else the first that the log has."""

@@ -120,7 +120,7 @@ class Reorder:
             if picked.size == 0:
                 continue
             rows = np.empty((picked.size, 7), np.int64)
-            rows[:, 0] = self._stamps(source, batch, picked)
+            rows[:, 0] = self.stamps(source, batch, picked)
             if self._heard is not None:
                 self._heard(source.role, source.where, batch.log_ns[picked], rows[:, 0].copy())
             rows[:, 1] = RANK[source.role]
@@ -146,7 +146,7 @@ class Reorder:
                 " --max-buffer-mib makes room"
             )
 
-    def _stamps(self, source: Source, batch: Batch, picked: NDArray[np.int64]) -> NDArray[np.int64]:
+    def stamps(self, source: Source, batch: Batch, picked: NDArray[np.int64]) -> NDArray[np.int64]:
         """Stamps with their offset (ns); negative where there is none."""
         clock, out = self._waiting.clock, np.empty(picked.size, np.int64)
         if clock != "header":

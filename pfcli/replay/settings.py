@@ -123,7 +123,8 @@ AS_TOLD = Deskew()
 class Settings(NamedTuple):
     """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, the image of
     vision that gives pixels, what landmarks' ranges are (one of `RANGES`), limits, the base frame and the robot's namespace
-    ('': what the log says), the heights that are walls (None: what the log tells), and how scans are de-skewed."""
+    ('': what the log says), the heights that are walls (None: what the log tells), how scans are
+    de-skewed, and whether the offset of the scans' clock is estimated."""
 
     topics: Mapping[str, str] = {}
     clock: str = "header"
@@ -139,3 +140,4 @@ class Settings(NamedTuple):
     robot: str = ""
     band: Band | None = None
     deskew: Deskew = Deskew()
+    estimate_offset: bool = False

@@ -93,6 +93,8 @@ def execute(job: Job) -> Run:
     motion = motion_source(log, job.motion)
     roles = _roles(job, log, motion)
     dropped = Dropped()
+    if job.settings.estimate_offset:
+        _set_clock(log, motion, job, dropped)
     truth: list[Truth] = []
     filter_ = filter_of(job.system)
     assets = filter_.load(job.params, job)
@@ -141,6 +143,33 @@ def execute(job: Job) -> Run:
         updates=updates.array(),
         findings=findings,
         odometry=(stamps.array(), odometry.array()),
+    )
+
+
+def _set_clock(log: Log, motion: str, job: Job, dropped: Dropped) -> None:
+    """Estimate the offset of the scans' clock, and use it. Raises LogError where the drive does not tell it."""
+    from pfcli.replay.clock_check import scan_offset
+
+    found = scan_offset(log, motion, job.drive)
+    if found is None:
+        raise LogError(
+            f"{log.path}: --time-offset scan=auto: the drive turns too little, or its scans fit too badly, to tell the offset;"
+            " give seconds"
+        )
+    seconds = round(found.seconds, 3)
+    log.settings = log.settings._replace(offsets_s={**log.settings.offsets_s, "scan": seconds})
+    seen = (
+        f"the scans' stamps are {-seconds:.3f} s late against the motion, +- {found.sd_s:.4f} s by {found.turns} turns"
+    )
+    dropped.find(
+        Finding(
+            code="W107",
+            severity="note",
+            where="",
+            seen=seen,
+            effect="corrected",
+            way_out=f"--time-offset scan={seconds}",
+        )
     )
 
 
