@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -387,6 +388,17 @@ def test_the_summary_is_the_runs_and_the_baseline_is_a_gate(reference: Path, pfc
     assert "NaN" not in strict
     assert (worse.stdout.count("worse:"), worse.stdout.count("better:")) == (1, 1)
     assert pfcli("summarize", out, "--baseline", reference / "out", "--tolerance", 0.5).returncode == 0
+    given = ("summarize", out, "--baseline", reference / "out", "--format")
+    page = pfcli(*given, "markdown")
+    assert page.returncode == 4
+    assert (page.stdout.count("| worse |"), page.stdout.count("| better |")) == (1, 1)
+    suite = ElementTree.fromstring(pfcli(*given, "junit").stdout.partition("\n")[2])
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("2", "1", "0")
+    assert len(suite.findall("testcase/failure")) == 1
+    steps = tmp_path / "steps.md"
+    said = pfcli(*given, "github", env=os.environ | {"GITHUB_STEP_SUMMARY": str(steps)})
+    assert (said.stdout.count("\n"), said.stdout.startswith("::error title=pfcli::worse: slam-gdr")) == (1, True)
+    assert steps.read_text() == page.stdout
     wrong = pfcli("summarize", out, "--metric", "beauty")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
 

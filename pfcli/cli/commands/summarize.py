@@ -9,7 +9,10 @@ import click
 
 from pfcli.cli.types import Finite
 from pfcli.errors import EXIT_DONE, EXIT_NOT_PASSED, LogError, UsageError
+from pfcli.reports import batch_tables
+from pfcli.reports.batch_tables import FORMATS, label
 
+_FORMS = {"markdown": batch_tables.markdown, "junit": batch_tables.junit, "github": batch_tables.github}
 _USUAL = ("truth.ate_m", "ms_per_update", "updates")
 
 
@@ -31,6 +34,14 @@ _USUAL = ("truth.ate_m", "ms_per_update", "updates")
     "--out", type=click.Path(path_type=Path), default=None, help="Parquet file (default: summary.parquet in DIR)."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    default=FORMATS[0],
+    show_default=True,
+    help="For a person, a page, a test report, or annotations and the step summary of GitHub Actions.",
+)
 def summarize(folder: Path, **given: Any) -> int:
     """One row for every job of a batch in summary.parquet, and a table over the seeds.
 
@@ -69,6 +80,8 @@ def summarize(folder: Path, **given: Any) -> int:
             code = EXIT_NOT_PASSED
     if given["as_json"]:
         click.echo(json.dumps(_plain(result)))
+    elif given["form"] != "text":
+        click.echo(_FORMS[given["form"]](result, given["tolerance"]), nl=False)
     else:
         click.echo("\n".join(_lines(result, given["tolerance"])))
     return code
@@ -87,33 +100,29 @@ def _named(group: Any) -> dict[str, Any]:
     return {"system": group.system, "log": group.log, "point": dict(group.point), "mark": group.mark}
 
 
-def _label(row: dict[str, Any]) -> str:
-    return " ".join([row["system"], row["log"], *(f"{k}={v}" for k, v in row["point"].items())])
-
-
 def _lines(result: dict[str, Any], tolerance: float) -> list[str]:
-    names = [_label(row) for row in result["groups"]]
+    names = [label(row) for row in result["groups"]]
     for row in result["groups"]:
         # the same words for different logs or options of the whole sweep
-        row["log"] += f" ({row['mark'][:6]})" if names.count(_label(row)) > 1 else ""
-    width = max((len(_label(row)) for row in result["groups"]), default=0)
+        row["log"] += f" ({row['mark'][:6]})" if names.count(label(row)) > 1 else ""
+    width = max((len(label(row)) for row in result["groups"]), default=0)
     lines = [f"{result['metric']:{width}}      n        mean      median   95 % of the mean"]
     for row in result["groups"]:
         interval = f"{row['low']:.5g} .. {row['high']:.5g}" if row["n"] > 1 else "-"
-        lines.append(f"{_label(row):{width}} {row['n']:6d} {row['mean']:11.5g} {row['median']:11.5g}   {interval}")
+        lines.append(f"{label(row):{width}} {row['n']:6d} {row['mean']:11.5g} {row['median']:11.5g}   {interval}")
     for system, row in result["best"].items():
         point = " ".join(f"{k}={v}" for k, v in row["point"].items())
         lines.append(f"best of {system}: {point} (mean over logs {row['mean']:.5g})")
     for row in result["failed"]:
-        lines.append(f"failed: {_label(row)} seed {row['seed']}: {row['why']}")
+        lines.append(f"failed: {label(row)} seed {row['seed']}: {row['why']}")
     for row in result.get("changes", []):
         if row["missing"]:
             seeds = ", ".join(map(str, row["missing"]))
-            lines.append(f"missing: {_label(row)}: seeds {seeds} of the baseline have no number here")
+            lines.append(f"missing: {label(row)}: seeds {seeds} of the baseline have no number here")
         if row["seeds"]:
             word = "worse" if row["worse"] > tolerance else "better" if row["worse"] < -tolerance else "same"
             change = f"{row['old']:.5g} -> {row['new']:.5g} ({row['worse']:+.1%}, {row['seeds']} seeds)"
-            lines.append(f"{word}: {_label(row)}: {change}")
+            lines.append(f"{word}: {label(row)}: {change}")
     without = f", {result['without']} without {result['metric']}" if result["without"] else ""
     lines.append(f"{result['out']}: {result['jobs']} jobs{without}, {len(result['failed'])} failed")
     return lines
