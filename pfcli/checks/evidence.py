@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.checks.scan_samples import ScanSamples
-from pfcli.core.grid.grid_map import GridMap
 from pfcli.core.grid.scan_pair import pair_motion
 from pfcli.events import Event, Heading, LinePoints, Odometry, Range, Scan, Ticks, Twist, Wheels, YawRate
 
@@ -66,12 +65,12 @@ class _Rows:
 class Evidence:
     """Heard on the way of a replay (`stamps`, `event`, `moved`), looked at by checks afterwards.
 
-    path: of the log, for messages; pairs: how many pairs of scans are matched at the most; grid: the map of the run, if any.
-    Stamps in rows are seconds since `start_ns`, so that doubles tell nanoseconds apart.
+    path: of the log, for messages; pairs: how many pairs of scans are matched at the most; map_file: YAML of the map of the
+    run, if any. Stamps in rows are seconds since `start_ns`, so that doubles tell nanoseconds apart.
     """
 
-    def __init__(self, path: Path, pairs: int = 128, grid: GridMap | None = None) -> None:
-        self.path, self.grid = path, grid
+    def __init__(self, path: Path, pairs: int = 128, map_file: Path | None = None) -> None:
+        self.path, self.map_file = path, map_file
         self.start_ns: int | None = None
         self.wheels: list[Wheels] = []
         self.lines: list[LinePoints] = []

@@ -10,6 +10,7 @@ from pfcli.checks import (
     different_clocks,
     far_beams,
     few_beams,
+    free_grey,
     frozen_motion,
     frozen_pose,
     gaps,
@@ -58,6 +59,7 @@ CHECKS: tuple[Callable[[Evidence], Finding | None], ...] = (
     repeated_scans.check,
     few_beams.check,
     point_units.check,
+    free_grey.check,
 )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from pfcli.cli.drive_options import wheel_options
-from pfcli.cli.types import Finite, max_chunk_option, max_map_option
+from pfcli.cli.types import Finite, max_chunk_option, max_map_option, unknown_grey_option
 from pfcli.cli.vision_options import image_of, vision_options
 from pfcli.errors import UsageError
 from pfcli.findings import CODES, known
@@ -140,6 +140,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
         band=band_of(given["slice_m"]),
         deskew=Deskew(given["deskew"], given["scan_duration"], given["scan_stamp"]),
         estimate_offset=estimate,
+        unknown_grey=given.get("unknown_grey"),
     )
 
 
@@ -165,7 +166,7 @@ def localiser_options(system: System) -> Callable[[_Command], _Command]:
         if system.map:
             command = click.option(
                 "--map", "map_file", type=click.Path(path_type=Path), required=True, help="Map YAML to localise in."
-            )(max_map_option(command))
+            )(max_map_option(unknown_grey_option(command)))
         for option in (
             click.option(
                 "--heading-prior", metavar="YAW[,SD]", default=None, help="Heading at the start and its spread (rad)."

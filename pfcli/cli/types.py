@@ -62,6 +62,15 @@ max_map_option = click.option(
 )
 
 
+unknown_grey_option = click.option(
+    "--unknown-grey",
+    type=click.IntRange(0, 255),
+    default=None,
+    metavar="SHADE",
+    help="A shade of the map that is unknown whatever its free_thresh says; map_saver draws unknown cells as 205.",
+)
+
+
 @contextmanager
 def streamed(target: Path) -> Iterator[Path]:
     """The file to write; for `-` one whose bytes go to standard output in the end, and what is said to standard error."""

@@ -2,19 +2,21 @@
 
 import hashlib
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.errors import LogError, printable, reason
 from pfcli.events import Pose2
-from pfcli.formats import text_files
+from pfcli.formats import map_cells, text_files
 from pfcli.formats.limits import DEFAULTS
+from pfcli.formats.map_cells import Rule
 
+_T = TypeVar("_T")
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
 Image.MAX_IMAGE_PIXELS = None  # the limit here is an error with a name instead of a warning
 
@@ -40,33 +42,70 @@ def digest(grid: GridMap) -> str:
     return found.hexdigest()
 
 
-def read(path: Path, max_mpx: float = DEFAULTS.map_mpx) -> GridMap:
-    """Read a map by its YAML file; honours negate, modes, thresholds, PNG and rotated origins. Raises LogError, also where
-    the image has more than `max_mpx` million pixels."""
+def read(path: Path, max_mpx: float = DEFAULTS.map_mpx, unknown_grey: int = -1) -> GridMap:
+    """Read a map by its YAML file as nav2_map_server does, see `pfcli.formats.map_cells`. Raises LogError, also where the image
+    has more than `max_mpx` million pixels. unknown_grey: a shade that is unknown whatever the thresholds say."""
+    header = _header(path)
+    resolution = _number(path, header, "resolution", low=1e-4)
+    origin = header.get("origin", [0, 0, 0])
+    if not isinstance(origin, list) or len(origin) < 2 or not all(_finite(v) for v in origin[:3]):
+        raise LogError(f"{path}: origin must be [x, y, yaw]")
+    rule = _rule(path, header)._replace(unknown_grey=unknown_grey)
+    cells = _of_image(path, header, max_mpx, lambda image: map_cells.cells_of(image, rule))
+    yaw = float(origin[2]) if len(origin) > 2 else 0.0
+    return GridMap(np.ascontiguousarray(cells[::-1]), resolution, Pose2(float(origin[0]), float(origin[1]), yaw))
+
+
+def free_unknown(path: Path, max_mpx: float = DEFAULTS.map_mpx) -> tuple[float, float]:
+    """Share of the pixels that have map_saver's grey of unknown cells, 205, where they count as free (else 0), and free_thresh.
+    Raises LogError."""
+    header = _header(path)
+    rule = _rule(path, header)
+    grade = int(map_cells.grades(np.array([UNKNOWN / 255.0]), None, rule)[0])
+    if rule.mode == "raw" or rule.negate or not 0 <= grade < 50:
+        return 0.0, rule.free
+    return _of_image(path, header, max_mpx, lambda image: map_cells.grey_share(image, UNKNOWN)), rule.free
+
+
+def _header(path: Path) -> dict[str, Any]:
     header = text_files.mapping(path, "map YAML")
     if header is None:
         raise LogError(f"{path}: is not map YAML (no `image:` in it)")
-    resolution = _number(path, header, "resolution", low=1e-4)
+    return header
+
+
+def _rule(path: Path, header: dict[str, Any]) -> Rule:
+    """Thresholds, mode and negate in whatever type YAML has them."""
     free = _number(path, header, "free_thresh", 0.196)
     occupied = _number(path, header, "occupied_thresh", 0.65)
     if not 0 <= free < occupied <= 1:
         raise LogError(f"{path}: free_thresh {free:g} must lie below occupied_thresh {occupied:g}, both in 0 .. 1")
-    mode = header.get("mode", "trinary")
-    if mode not in ("trinary", "scale", "raw"):
+    mode = str(header.get("mode", "trinary")).lower()
+    if mode not in map_cells.MODES:
         raise LogError(f"{path}: mode {mode!r} is none of trinary, scale, raw")
-    origin = header.get("origin", [0, 0, 0])
-    if not isinstance(origin, list) or len(origin) < 2 or not all(_finite(v) for v in origin[:3]):
-        raise LogError(f"{path}: origin must be [x, y, yaw]")
-    pixels = _image(path, header, max_mpx)
-    shades = np.arange(256)
-    if mode == "raw":
-        cell_of = np.where(shades == 0, 0, np.where(shades <= 100, 1, -1))
-    else:
-        p = shades / 255.0 if header.get("negate", 0) else 1.0 - shades / 255.0
-        cell_of = np.where(p > occupied, 1, np.where(p < free, 0, -1))
-    cells = cell_of.astype(np.int8)[pixels]
-    yaw = float(origin[2]) if len(origin) > 2 else 0.0
-    return GridMap(np.ascontiguousarray(cells[::-1]), resolution, Pose2(float(origin[0]), float(origin[1]), yaw))
+    return Rule(mode, free, occupied, _truth(path, header.get("negate", 0)))
+
+
+_WORDS = {"true": True, "yes": True, "on": True, "y": True, "false": False, "no": False, "off": False, "n": False}
+
+
+def _truth(path: Path, value: object) -> bool:
+    """`negate` as a number, a truth value, or either of them in quotes. Raises LogError."""
+    if isinstance(value, str):
+        word = value.strip().lower()
+        if word in _WORDS:
+            return _WORDS[word]
+        value = float(word) if _is_number(word) else value
+    if isinstance(value, bool) or _finite(value):
+        return bool(value)
+    raise LogError(f"{path}: negate must be 0 or 1, not {value!r}")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
 
 
 def _finite(value: object) -> bool:
@@ -75,12 +114,15 @@ def _finite(value: object) -> bool:
 
 def _number(path: Path, header: dict[str, Any], name: str, default: float | None = None, low: float = 0.0) -> float:
     value = header.get(name, default)
+    if isinstance(value, str) and _is_number(value):
+        value = float(value)
     if not _finite(value) or value < low:  # type: ignore[operator]
         raise LogError(f"{path}: {name} must be a number >= {low:g}, not {value!r}")
     return float(value)  # type: ignore[arg-type]
 
 
-def _image(path: Path, header: dict[str, Any], max_mpx: float) -> NDArray[np.uint8]:
+def _of_image(path: Path, header: dict[str, Any], max_mpx: float, read: Callable[[Image.Image], _T]) -> _T:
+    """What `read` makes of the map's image. Raises LogError."""
     name = header.get("image")
     if not isinstance(name, str):
         raise LogError(f"{path}: names no image")
@@ -94,7 +136,8 @@ def _image(path: Path, header: dict[str, Any], max_mpx: float) -> NDArray[np.uin
                     f"{image}: {opened.width} x {opened.height} pixels are more than {max_mpx:g} million;"
                     " --max-map-mpx reads larger maps"
                 )
-            return np.asarray(opened.convert("L"))
+            opened.load()
+            return read(opened)
     except FileNotFoundError:
         raise LogError(f"{path}: its image {name!r} is not there") from None
     except LogError:

@@ -67,6 +67,11 @@ class Job(NamedTuple):
         """Largest map that may be read (million pixels)."""
         return self.settings.limits.map_mpx
 
+    @property
+    def unknown_grey(self) -> int:
+        """A shade of the map that is unknown whatever its thresholds say (-1: none)."""
+        return -1 if self.settings.unknown_grey is None else self.settings.unknown_grey
+
 
 class Run(NamedTuple):
     """What a job gave: the system's result, its Info rows, errors against truth, what was lost, timings (s), where motion came
@@ -103,7 +108,7 @@ def execute(job: Job) -> Run:
     updates, stamps, odometry = Rows((2,)), Rows((), np.int64), Rows((3,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
-    evidence = Evidence(log.path)
+    evidence = Evidence(log.path, map_file=job.map if job.unknown_grey < 0 else None)
     events = _without_truth(_replay(log, roles, dropped, evidence), truth)
     sweeps = align.sweeps(events, motion, job.drive, dropped, deskew=job.settings.deskew)
     for sweep in progress(_with_data(sweeps, dropped), job.progress, job.system.name):

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from pfcli import registry
-from pfcli.cli.types import Finite, max_map_option
+from pfcli.cli.types import Finite, max_map_option, unknown_grey_option
 from pfcli.errors import LogError
 
 
@@ -19,6 +19,7 @@ from pfcli.errors import LogError
     "--check", type=click.IntRange(0, 10_000_000), default=0, help="Compare so many random rays with exact ones."
 )
 @max_map_option
+@unknown_grey_option
 @click.option("--force", is_flag=True, help="Build it again even if it is there.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def table(
@@ -28,6 +29,7 @@ def table(
     veil_m: float | None,
     check: int,
     max_map_mpx: float,
+    unknown_grey: int | None,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -42,7 +44,7 @@ def table(
     defaults = registry.system("localize-lookup").params()
     bins, range_m = bins or defaults.bins, table_range_m or defaults.table_range_m
     veil_m = defaults.veil_m if veil_m is None else veil_m
-    grid = map_yaml.read(map_file, max_map_mpx)
+    grid = map_yaml.read(map_file, max_map_mpx, -1 if unknown_grey is None else unknown_grey)
     seen = grid._replace(cells=raycast.unveiled(grid.cells, grid.resolution_m, veil_m))
     if not (grid.cells == 0).any() or not (grid.cells == 1).any():
         raise LogError(f"{map_file}: has no free cells or no occupied ones, so no range can be expected of it")

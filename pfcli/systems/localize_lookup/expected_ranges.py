@@ -38,7 +38,7 @@ def load(params: Params, job: Job) -> Assets:
     beams that are more than all."""
     if params.z_hit + params.z_short + params.z_none >= 1.0:
         raise UsageError("--z-hit, --z-short and --z-none must leave something of 1 for beams that read anything")
-    grid = map_yaml.read(job.map_file, job.max_map_mpx)
+    grid = map_yaml.read(job.map_file, job.max_map_mpx, job.unknown_grey)
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:
         raise LogError(f"{job.map_file}: has no free cells")

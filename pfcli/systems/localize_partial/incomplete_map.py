@@ -34,7 +34,7 @@ def load(params: Params, job: Job) -> Assets:
     with --extend-map."""
     if params.extend_map and not params.smooth:
         raise UsageError("--extend-map draws where the whole log says that the robot was: leave out --no-smooth")
-    grid = map_yaml.read(job.map_file, job.max_map_mpx)
+    grid = map_yaml.read(job.map_file, job.max_map_mpx, job.unknown_grey)
     origin = grid.origin
     region = region_of(grid.cells, grid.resolution_m, origin, params.robot_radius_m, params.pocket_m2)
     if region.free_xy.size == 0:

@@ -40,7 +40,7 @@ def load(params: Params, job: Job) -> Assets:
     more than all."""
     if params.z_hit + params.z_rand > 1.0 + 1e-9:
         raise UsageError("--z-hit and --z-rand must not exceed 1 together")
-    grid = map_yaml.read(job.map_file, job.max_map_mpx)
+    grid = map_yaml.read(job.map_file, job.max_map_mpx, job.unknown_grey)
     region = region_of(grid.cells, grid.resolution_m, grid.origin, 0.0)
     if region.free_xy.size == 0:
         raise LogError(f"{job.map_file}: has no free cells")

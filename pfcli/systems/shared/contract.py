@@ -91,6 +91,11 @@ class Job(Protocol):
         """Largest map that may be read (million pixels)."""
         ...
 
+    @property
+    def unknown_grey(self) -> int:
+        """A shade of the map that is unknown whatever its thresholds say (-1: none)."""
+        ...
+
 
 class Filter(NamedTuple, Generic[ParamsT, AssetsT, ReadingT, StateT, InfoT]):
     """The functions of a system, and the type of its rows.
