@@ -17,11 +17,26 @@ SYSTEMS = "pfcli.systems"
 RESAMPLERS = "pfcli.resamplers"
 
 
-@cache
 def systems() -> "Mapping[str, System]":
-    """Name of the command -> record. Raises UsageError where pfcli itself is not installed, or where two packages bring a system
-    of the same name."""
-    return MappingProxyType({name: _record(point) for name, point in _points(SYSTEMS).items()})
+    """Name of the command -> record. Raises UsageError where pfcli itself is not installed."""
+    return _read()[0]
+
+
+def unusable() -> Mapping[str, str]:
+    """Name -> why the system that a package brings cannot be used; the others can."""
+    return _read()[1]
+
+
+@cache
+def _read() -> "tuple[Mapping[str, System], Mapping[str, str]]":
+    found: dict[str, System] = {}
+    broken: dict[str, str] = {}
+    for name, points in _points(SYSTEMS).items():
+        try:
+            found[name] = _record(name, points)
+        except UsageError as error:
+            broken[name] = str(error)
+    return MappingProxyType(found), MappingProxyType(broken)
 
 
 @cache
@@ -37,6 +52,8 @@ def records() -> "Mapping[str, System]":
 def system(name: str) -> "System":
     """The record of a name as commands, `run.json` or `pfcli params` say it. Raises UsageError for an unknown one."""
     found = records().get(name.replace(" --", "-"))
+    if found is None and name in unusable():
+        raise UsageError(unusable()[name])
     if found is None:
         raise UsageError(f"there is no system {name!r}; known: {', '.join(records())}")
     return found
@@ -54,10 +71,10 @@ def resampler(name: str) -> Callable[..., Any]:
     """The function `(weights, count, rng) -> ancestors` of a resampler; what it must keep: `pfcli.core.resample.schemes`.
 
     Raises UsageError where there is none of that name, or where its package cannot be imported."""
-    point = _points(RESAMPLERS).get(name)
-    if point is None:
+    points = _points(RESAMPLERS).get(name)
+    if points is None:
         raise UsageError(f"there is no resampler {name!r}; known: {', '.join(resampler_names())}")
-    found: Callable[..., Any] = _loaded("resampler", point)
+    found: Callable[..., Any] = _loaded("resampler", points)
     return found
 
 
@@ -73,28 +90,28 @@ def _installed() -> Any:
     return entry_points()
 
 
-def _points(group: str) -> dict[str, EntryPoint]:
-    found: dict[str, EntryPoint] = {}
-    for point in sorted(_installed().select(group=group), key=lambda point: point.name):
-        other = found.setdefault(point.name, point)
-        if other.value != point.value:
-            raise UsageError(
-                f"{group}: {point.name!r} is brought by two packages, as {other.value} and {point.value}; uninstall one"
-            )
-    if not any(point.value.startswith("pfcli.") for point in found.values()):
+def _points(group: str) -> dict[str, list[EntryPoint]]:
+    """The entry points of a group by name; several where packages bring the same name."""
+    found: dict[str, list[EntryPoint]] = {}
+    for point in sorted(_installed().select(group=group), key=lambda point: (point.name, point.value)):
+        found.setdefault(point.name, []).append(point)
+    if not any(point.value.startswith("pfcli.") for points in found.values() for point in points):
         raise UsageError("pfcli is not installed, so its systems cannot be found: pip install -e .")
     return found
 
 
-def _loaded(what: str, point: EntryPoint) -> Any:
+def _loaded(what: str, points: list[EntryPoint]) -> Any:
+    name, values = points[0].name, sorted({point.value for point in points})
+    if len(values) > 1:
+        raise UsageError(f"{what} {name!r} is brought by two packages, as {' and '.join(values)}; uninstall one")
     try:
-        return point.load()
+        return points[0].load()
     except Exception as error:
-        raise UsageError(f"{what} {point.name!r} ({point.value}) cannot be imported: {error}") from None
+        raise UsageError(f"{what} {name!r} ({values[0]}) cannot be imported: {error}") from None
 
 
-def _record(point: EntryPoint) -> "System":
-    record: System = _loaded("system", point)
-    if getattr(record, "name", None) != point.name:
-        raise UsageError(f"system {point.name!r}: {point.value} is no System record of that name")
+def _record(name: str, points: list[EntryPoint]) -> "System":
+    record: System = _loaded("system", points)
+    if getattr(record, "name", None) != name:
+        raise UsageError(f"system {name!r}: {points[0].value} is no System record of that name")
     return record

@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from pfcli import __version__
-from pfcli.errors import EXIT_FAILED, EXIT_INTERRUPTED, PfcliError, printable, reason
-from pfcli.registry import systems
+from pfcli.errors import EXIT_FAILED, EXIT_INTERRUPTED, PfcliError, UsageError, printable, reason
+from pfcli.registry import systems, unusable
 
 _COMMANDS = {
     "info": ("pfcli.cli.commands.info:info", "What a log holds, and which systems it can feed."),
@@ -48,6 +48,8 @@ class _Lazy(click.Group):
         if name in systems():
             found: click.Command = importlib.import_module("pfcli.cli.system_command").command(name)
             return found
+        if name in unusable():
+            raise UsageError(unusable()[name])
         if name not in _COMMANDS:
             return None
         module, attribute = _COMMANDS[name][0].split(":")
@@ -69,6 +71,9 @@ class _Lazy(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Systems"):
             formatter.write_dl([(name, system.summary) for name, system in systems().items()])
+        if unusable():
+            with formatter.section("Cannot be used"):
+                formatter.write_dl(list(unusable().items()))
         with formatter.section("Around them"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
 

@@ -64,7 +64,7 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
 
 @pytest.fixture(scope="module")
 def loop_run() -> api.FinishedRun:
-    return api.run("slam-gdr", SAMPLES / "small-loop.mcap", particles=4, seed=3, truth="auto", end=15, threads=1)
+    return api.run("slam-gdr", SAMPLES / "small-loop.mcap", particles=4, truth="auto", end=15, threads=1, seed=3)
 
 
 def test_a_saved_run_is_the_run_of_its_command(loop_run: api.FinishedRun, pfcli: Cli, tmp_path: Path) -> None:

@@ -41,3 +41,47 @@ def test_a_checkout_that_is_not_installed_says_how(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == "pfcli: pfcli is not installed, so its systems cannot be found: pip install -e .\n"
+
+
+_MORE = """
+import importlib.metadata as m
+more = [m.EntryPoint(*words, 'pfcli.systems') for words in (
+    ('slam-gdr', 'other_package:SYSTEM'), ('broken', 'no_such_package:SYSTEM'), ('odd', 'pfcli.registry:SYSTEMS'))]
+ours = m.entry_points()
+m.entry_points = lambda **_: m.EntryPoints([*ours.select(group='pfcli.systems'), *ours.select(group='pfcli.resamplers'), *more])
+import sys
+from pfcli.cli.app import run
+sys.argv = ['pfcli', *sys.argv[1:]]
+run()
+"""
+
+
+def _with_broken_packages(*words: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([sys.executable, "-c", _MORE, *words], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        (
+            "broken",
+            "pfcli: system 'broken' (no_such_package:SYSTEM) cannot be imported: No module named 'no_such_package'\n",
+        ),
+        ("odd", "pfcli: system 'odd': pfcli.registry:SYSTEMS is no System record of that name\n"),
+        (
+            "slam-gdr",
+            "pfcli: system 'slam-gdr' is brought by two packages, as other_package:SYSTEM and"
+            " pfcli.systems.slam_gdr:SYSTEM; uninstall one\n",
+        ),
+    ],
+)
+def test_a_package_that_is_broken_says_so_in_one_line(name: str, says: str) -> None:
+    done = _with_broken_packages(name, "x.mcap", "--out", "o")
+    assert (done.returncode, done.stderr) == (2, says)
+
+
+def test_a_package_that_is_broken_breaks_no_other_system() -> None:
+    assert _with_broken_packages("localize-lookup", "--help").returncode == 0
+    done = _with_broken_packages("--help")
+    assert done.returncode == 0
+    assert "no_such_package" in done.stdout.split("Cannot be used")[1]

@@ -68,9 +68,10 @@ def test_what_is_written_passes_ruff_and_strict_mypy(pfcli: Cli, tmp_path: Path)
     for words in (
         ["ruff", "check", "--isolated", "--line-length=120", "--select=B,E,F,I,N,RUF,UP"],
         ["ruff", "format", "--isolated", "--line-length=120", "--check"],
-        ["mypy", "--strict", "--config-file", "", "--ignore-missing-imports"],
+        ["mypy", "--strict", "--config-file", "", "--ignore-missing-imports", "--follow-imports=silent"],
     ):
-        run = subprocess.run([*words, "."], cwd=tmp_path / "x", capture_output=True, text=True, check=False)
+        typed = os.environ | {"MYPYPATH": str(ROOT)}
+        run = subprocess.run([*words, "."], cwd=tmp_path / "x", env=typed, capture_output=True, text=True, check=False)
         assert run.returncode == 0, run.stdout + run.stderr
 
 
