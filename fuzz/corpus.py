@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fuzz.targets import CDR, JSON
-from pfcli.formats.log_writer import LogWriter, header
+from pfcli.formats.log_writer import LogWriter
+from pfcli.formats.message_writer import header
 from pfcli.formats.schemas import typestore
 
 _T0 = 1_700_000_000_000_000_000

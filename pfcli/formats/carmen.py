@@ -20,6 +20,8 @@ from pfcli.formats import text_files
 
 _SECOND = 1_000_000_000
 _LATEST_S = 1 << 31
+_BEGIN = 2000
+"""So many lines are looked at to tell what a file is: parameters may stand in front."""
 _TOP_SHARE = 0.99
 """The usable range ends this share below the value that a scanner repeats when nothing returns."""
 
@@ -34,6 +36,17 @@ class Record(NamedTuple):
     angles: tuple[float, float] = (0.0, 0.0)
     range_max_m: float = 0.0
     mount: Pose2 = Pose2()
+
+
+def is_one(path: Path) -> bool:
+    """Whether a file is a CARMEN log, by its name or its first lines."""
+    if path.name.removesuffix(".gz").removesuffix(".bz2").endswith((".log", ".clf")):
+        return True
+    try:
+        begin = itertools.islice(text_files.lines(path, "a CARMEN log"), _BEGIN)
+        return any(line.split(maxsplit=1)[:1] == [word] for line in begin for word in (*_PARSERS, "PARAM"))
+    except LogError:
+        return False
 
 
 def read(path: Path) -> tuple[list[Record], int]:

@@ -4,6 +4,7 @@ Both become odometry or speeds, `pfcli.Landmarks`, truth where there is one, and
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -17,25 +18,56 @@ from pfcli.formats import text_files
 _ROBOTS = range(1, 6)
 _STEP_NS = 1_000_000_000
 _WHAT = "a log of landmarks"
+_ROBOT_FILES, _MRCLAM = ("Measurement", "Odometry", "Groundtruth"), ("Barcodes.dat", "Landmark_Groundtruth.dat")
 
 
 class LandmarkLog(NamedTuple):
     """events in order of time; places: id -> true position (m); robots, unknown: detections that were left out for what they
-    are of; broken: lines that could not be read."""
+    are of; broken: lines that could not be read; files: what it was read from."""
 
     events: list[Twist | Odometry | Landmarks | Truth]
     places: dict[str, tuple[float, float]]
     robots: int
     unknown: int
     broken: int
+    files: tuple[Path, ...] = ()
+
+
+_OF_A_ROBOT = re.compile(r"(Robot\d+)_(Measurement|Odometry|Groundtruth)\.dat(\.gz)?")
 
 
 def reader_of(source: Path) -> Callable[[Path], LandmarkLog] | None:
-    """Which of these formats a file is, by its name; None where it is none of them."""
-    name = source.name.removesuffix(".gz")
-    if name.startswith("Robot") and name.endswith("_Measurement.dat"):
+    """Which of these formats a file or a folder is, by its name; None where it is none of them.
+
+    Raises LogError for a folder of several robots.
+    """
+    if source.is_dir():
+        robots = sorted(path for path in source.iterdir() if _OF_A_ROBOT.fullmatch(path.name))
+        names = sorted({path.name.partition("_")[0] for path in robots})
+        if len(names) > 1:
+            which = ", ".join(f"{name}_Measurement.dat" for name in names)
+            raise LogError(f"{source}: holds {len(names)} robots of MR.CLAM; name one of {which}")
+        return (lambda _: mrclam(robots[0])) if names else None
+    if _OF_A_ROBOT.fullmatch(source.name):
         return mrclam
-    return stachniss if name == "sensor_data.dat" else None
+    return stachniss if source.name.removesuffix(".gz") == "sensor_data.dat" else None
+
+
+def files_of(source: Path) -> tuple[Path, ...]:
+    """The files that such a log is read from, as far as they are there."""
+    if source.is_dir():
+        robots = sorted(path for path in source.iterdir() if _OF_A_ROBOT.fullmatch(path.name))
+        return files_of(robots[0]) if robots else ()
+    robot = _OF_A_ROBOT.fullmatch(source.name)
+    names = (
+        [f"{robot[1]}_{kind}.dat" for kind in _ROBOT_FILES] + list(_MRCLAM)
+        if robot
+        else ["sensor_data.dat", "world.dat"]
+    )
+    beside = [
+        path for name in names for path in (source.with_name(name), source.with_name(f"{name}.gz")) if path.is_file()
+    ]
+    return tuple(beside)
 
 
 def _rows(path: Path, count: int, broken: list[str]) -> Iterator[list[float]]:
@@ -63,7 +95,8 @@ def _beside(source: Path, name: str) -> Path:
 
 
 def mrclam(source: Path) -> LandmarkLog:
-    """`RobotN_Measurement.dat` with RobotN_Odometry.dat, RobotN_Groundtruth.dat, Barcodes.dat and Landmark_Groundtruth.dat.
+    """Any file of a robot: RobotN_Measurement.dat, RobotN_Odometry.dat and RobotN_Groundtruth.dat, with Barcodes.dat and
+    Landmark_Groundtruth.dat.
 
     What a row calls the subject is a barcode. Other robots are left out, and so are codes that nobody has.
     """
@@ -78,7 +111,7 @@ def mrclam(source: Path) -> LandmarkLog:
         events.append(Truth(_ns(t), x, y, yaw))
     robots = unknown = 0
     seen: dict[int, list[tuple[str, float, float]]] = {}
-    for t, code, r, bearing in _rows(source, 4, broken):
+    for t, code, r, bearing in _rows(_beside(source, f"{robot}_Measurement.dat"), 4, broken):
         who = subject.get(int(code))
         if who is None:
             unknown += 1
@@ -88,7 +121,7 @@ def mrclam(source: Path) -> LandmarkLog:
             seen.setdefault(_ns(t), []).append((str(who), r, bearing))
     events += [_detections(stamp, rows) for stamp, rows in seen.items()]
     events.sort(key=lambda event: event.stamp_ns)
-    return _checked(source, LandmarkLog(events, places, robots, unknown, len(broken)))
+    return _checked(source, LandmarkLog(events, places, robots, unknown, len(broken), files_of(source)))
 
 
 def _ns(seconds: float) -> int:
@@ -127,7 +160,7 @@ def stachniss(source: Path) -> LandmarkLog:
             broken.append(line)
     if rows:
         events.append(_detections(stamp, rows))
-    return _checked(source, LandmarkLog(events, places, 0, 0, len(broken)))
+    return _checked(source, LandmarkLog(events, places, 0, 0, len(broken), files_of(source)))
 
 
 def _checked(source: Path, log: LandmarkLog) -> LandmarkLog:

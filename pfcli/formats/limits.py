@@ -16,10 +16,12 @@ DEFAULTS = Limits()
 
 class Reading(NamedTuple):
     """How containers are read. max_chunk_mib: of `Limits`; of logs that are text: range_scale multiplies their ranges,
-    repair_stamps mends stamps whose microseconds lost their zeros."""
+    max_range_m is the usable range (None: told by the readings), repair_stamps mends stamps whose microseconds lost their
+    zeros."""
 
     max_chunk_mib: float = DEFAULTS.chunk_mib
     range_scale: float = 1.0
+    max_range_m: float | None = None
     repair_stamps: bool = True
 
 

@@ -28,13 +28,13 @@ _DECLARING = (records.SCHEMA, records.CHANNEL, records.STATISTICS, records.CHUNK
 class McapFile:
     """One MCAP file: its channels, its messages in file order, and what was lost on the way.
 
-    max_chunk_mib: a chunk that holds more is left out.
+    max_chunk_mib: a chunk that holds more is left out; shown: what messages call the file.
     """
 
-    def __init__(self, path: Path, max_chunk_mib: float = DEFAULTS.chunk_mib) -> None:
-        self.path = path
+    def __init__(self, path: Path, max_chunk_mib: float = DEFAULTS.chunk_mib, shown: Path | None = None) -> None:
+        self.path = shown or path
         self.channels: dict[int, Channel] = {}
-        self._damage = Damage(path)
+        self._damage = Damage(self.path)
         self.missing = 0
         """Messages that the file's own statistics count and the walk did not find."""
         self._limit = int(max_chunk_mib * 2**20)
@@ -56,9 +56,7 @@ class McapFile:
         except (OSError, ValueError) as error:
             raise LogError(f"{path}: cannot be read ({reason(error)})") from None
         if bytes(self._bytes[:8]) != MAGIC:
-            raise LogError(
-                f"{path}: is not an MCAP file; `pfcli convert` makes one from CARMEN logs, ROS bags and logs of wheel ticks"
-            )
+            raise LogError(f"{path}: is not an MCAP file")
 
     @property
     def profile(self) -> str:

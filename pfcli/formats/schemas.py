@@ -23,6 +23,13 @@ def json_schema(name: str) -> str:
     return (folder() / f"{name}.json").read_text()
 
 
+def declaration(name: str) -> tuple[str, str, bytes]:
+    """How a channel of a type with a definition here is declared: encoding of its messages, of the schema, and its text."""
+    if name.startswith("pfcli."):
+        return "json", "jsonschema", json_schema(name).encode()
+    return "cdr", "ros2msg", ros2msg(name).encode()
+
+
 def ros_types() -> list[str]:
     """Every ROS 2 type with a definition here, as `package/msg/Type`."""
     return sorted(path.stem.replace(".", "/msg/", 1) for path in folder().glob("*.msg"))

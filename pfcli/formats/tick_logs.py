@@ -22,12 +22,13 @@ _URG_BEAMS, _URG_STEP_RAD = 682, math.radians(360.0 / 1024.0)
 
 
 class TickLog(NamedTuple):
-    """What a log of ticks holds; hint: wheel options for `pfcli`."""
+    """What a log of ticks holds; hint: wheel options for `pfcli`; files: what it was read from."""
 
     events: list[Ticks | Scan | Truth]
     mount: Pose2
     broken: int
     hint: str
+    files: tuple[Path, ...] = ()
 
 
 def reader_of(source: Path) -> Callable[[Path], TickLog] | None:
@@ -44,6 +45,16 @@ def reader_of(source: Path) -> Callable[[Path], TickLog] | None:
             return lambda file: lego(file.parent)
         return tricycle if next(_lines(source), "").startswith("#kinematic_model") else None
     return None
+
+
+def files_of(source: Path) -> tuple[Path, ...]:
+    """The files that such a log is read from."""
+    if source.is_dir():
+        return tuple(path for kind in ("motors", "scan") for path in sorted(source.glob(f"*_{kind}.txt*")))
+    if source.name.removesuffix(".gz").removesuffix(".bz2").endswith(("_motors.txt", "_scan.txt")):
+        return files_of(source.parent)
+    about = _metadata(source)
+    return (source, about) if source.suffix == ".csv" and about.is_file() else (source,)
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -100,7 +111,7 @@ def lego(folder: Path) -> TickLog:
             except (ValueError, IndexError, OverflowError):
                 broken += 1
     hint = "--motion encoders --wheel-radius-m 0.019996 --track-width-m 0.155"
-    return _checked(folder, TickLog(events, Pose2(0.03, 0.0, 0.0), broken, hint))
+    return _checked(folder, TickLog(events, Pose2(0.03, 0.0, 0.0), broken, hint, files_of(folder)))
 
 
 def tricycle(source: Path) -> TickLog:
@@ -171,7 +182,7 @@ def optiodom(source: Path) -> TickLog:
         3: f"{radius} --base omni --wheel-joints {','.join(names)} --wheel-arm-m {arms[0]:g} {angles}",
         4: f"{radius} --base mecanum --track-width-m {arms[-1]:g} --axle-distance-m {arms[0]:g}",
     }[wheels]
-    return _checked(source, TickLog(events, Pose2(), broken, hint))
+    return _checked(source, TickLog(events, Pose2(), broken, hint, files_of(source)))
 
 
 def _rows(path: Path) -> Iterator[list[str]]:

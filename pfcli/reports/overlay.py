@@ -8,7 +8,8 @@ import numpy as np
 
 from pfcli.core.grid.grid_map import GridMap
 from pfcli.events import Pose2
-from pfcli.formats.log_writer import LogWriter, header, quaternion
+from pfcli.formats.log_writer import LogWriter
+from pfcli.formats.message_writer import header, quaternion
 from pfcli.formats.schemas import typestore
 from pfcli.systems.shared.contract import Result
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pfcli import __version__
 from pfcli.findings import as_rows
 from pfcli.formats import map_yaml, parquet, tum
-from pfcli.formats.folders import find
+from pfcli.formats.containers import inputs_of
 from pfcli.params import to_toml
 from pfcli.registry import filter_of
 from pfcli.replay.settings import Deskew, Drive
@@ -37,7 +37,7 @@ def provenance(job: Job) -> dict[str, Any]:
         "system": job.system.name,
         "seed": job.seed,
         "params": dict(sorted(vars_of(job.params).items())),
-        "inputs": [{"name": path.name, "sha256": digest(path)} for path in find(job.paths).files],
+        "inputs": [{"name": path.name, "sha256": digest(path)} for path in inputs_of(job.paths)],
         "reading": {k: v for k, v in job.settings._asdict().items() if v not in _UNSAID and k != "limits"},
         "motion": job.motion,
         **({"drive": list(job.drive)} if job.drive != Drive() else {}),

@@ -48,7 +48,7 @@ def _match(path: Path, frames: int = 8, **put: Any) -> Path:
             else:
                 log.line_points(LinePoints(t, points))
             if "field_t" in put:
-                from pfcli.formats.log_writer import header
+                from pfcli.formats.message_writer import header
                 from pfcli.formats.schemas import typestore
 
                 types = typestore().types

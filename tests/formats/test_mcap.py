@@ -13,7 +13,8 @@ from mcap.writer import CompressionType, Writer
 from fuzz.corpus import MESSAGES, ros_message
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Odometry, Pose2, Scan
-from pfcli.formats.log_writer import LogWriter, header
+from pfcli.formats.log_writer import LogWriter
+from pfcli.formats.message_writer import header
 from pfcli.formats.messages import SECOND
 from pfcli.formats.roles import ROLES
 from pfcli.formats.schemas import json_schema, ros2msg, ros_types, typestore

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pfcli.core import rigid
 from pfcli.core.rigid import Motion
 from pfcli.events import Pose2, Scan
-from pfcli.formats.log_writer import LogWriter, header
+from pfcli.formats.log_writer import LogWriter
+from pfcli.formats.message_writer import header
 from pfcli.formats.schemas import typestore
 
 S = 1_000_000_000

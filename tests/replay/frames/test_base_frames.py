@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pfcli.core import rigid
 from pfcli.errors import LogError, UsageError
 from pfcli.events import Odometry, Scan
-from pfcli.formats.log_writer import LogWriter, header
+from pfcli.formats.log_writer import LogWriter
+from pfcli.formats.message_writer import header
 from pfcli.replay.log import Log
 from pfcli.replay.settings import Band, Settings
 from tests.replay.frames import robot_log as r

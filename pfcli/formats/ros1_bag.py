@@ -1,0 +1,205 @@
+"""ROS 1 bags (format 2.0), walked from the front: no index is believed, so that old and cut bags give all that they hold.
+
+Source: http://wiki.ros.org/Bags/Format/2.0. Records: header length, header fields `name=value`, data length, data.
+"""
+
+import bz2
+import mmap
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pfcli.errors import LogError, printable, reason
+from pfcli.formats.limits import AS_IT_IS, Reading
+from pfcli.formats.reader import EVERYTHING, Batch, Channel, Span, Wanted, span_of
+
+MAGIC = b"#ROSBAG V2.0\n"
+_MESSAGE, _CHUNK, _CONNECTION, _INDEXES = b"\x02", b"\x05", b"\x07", (b"\x04", b"\x06")
+_U32 = struct.Struct("<I")
+_MOST = 4096
+"""So many messages outside of chunks make a batch."""
+_SECOND = 1_000_000_000
+_OP = b"\x04\x00\x00\x00op="
+_LONGEST, _BEFORE_OP = 1 << 16, 512
+"""No header is longer; and the field `op` stands in its first bytes."""
+
+Row = tuple[int, int, int, int]
+"""Connection, time (ns), offset and length of the payload."""
+
+
+class Ros1Bag:
+    """One bag; its messages keep their ROS 1 serialisation (`ros1`)."""
+
+    def __init__(self, path: Path, reading: Reading = AS_IT_IS, shown: Path | None = None) -> None:
+        self.path = shown or path
+        self.channels: dict[int, Channel] = {}
+        self.losses: list[str] = []
+        self.missing = 0
+        self._limit = int(reading.max_chunk_mib * 2**20)
+        try:
+            with open(path, "rb") as file:
+                self._data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+        except (OSError, ValueError) as error:
+            raise LogError(f"{self.path}: cannot be read ({reason(error)})") from None
+
+    @property
+    def files(self) -> list[Path]:
+        """The file."""
+        return [self.path]
+
+    def survey(self) -> None:
+        """Connections stand beside the messages: all is walked."""
+        for _ in self.batches():
+            pass
+
+    def span(self) -> Span | None:
+        """By a walk."""
+        return span_of(self.batches())
+
+    def batches(self, wanted: Wanted = EVERYTHING) -> Iterator[Batch]:
+        """Messages, a chunk at a time."""
+        self.losses.clear()
+        rows: list[Row] = []
+        last, index = len(MAGIC), False
+        try:
+            for begin, fields, at, end in _records(self._data, len(MAGIC)):
+                if begin > last and not index:
+                    self.losses.append(f"{self.path}: is damaged from byte {last} to {begin}")
+                last, index = end, fields[b"op"] in _INDEXES
+                if fields[b"op"] == _CHUNK:
+                    if rows:
+                        yield self._batch(self._data, rows)
+                        rows = []
+                    yield from self._chunk(begin, fields, self._data[at:end])
+                    continue
+                self._take(fields, self._data, at, end, rows)
+                if len(rows) == _MOST:
+                    yield self._batch(self._data, rows)
+                    rows = []
+        except _Damage as damage:
+            if not index:
+                self.losses.append(f"{self.path}: is cut off or damaged from byte {damage.at} on, of {len(self._data)}")
+        if rows:
+            yield self._batch(self._data, rows)
+
+    def _chunk(self, begin: int, fields: dict[bytes, bytes], body: memoryview) -> Iterator[Batch]:
+        try:
+            data = self._decompressed(fields, body)
+        except (OSError, ValueError, RuntimeError, EOFError, KeyError, struct.error) as error:
+            self.losses.append(f"{self.path}: chunk at byte {begin} cannot be decompressed ({reason(error)})")
+            return
+        rows: list[Row] = []
+        try:
+            for _, inner, at, end in _records(data, 0):
+                self._take(inner, data, at, end, rows)
+        except _Damage:
+            self.losses.append(f"{self.path}: chunk at byte {begin} holds bytes that are no record")
+        if rows:
+            yield self._batch(data, rows)
+
+    def _decompressed(self, fields: dict[bytes, bytes], body: memoryview) -> memoryview:
+        kind, (size,) = fields[b"compression"], _U32.unpack(fields[b"size"])
+        if size > self._limit:
+            raise ValueError(f"it holds {size / 2**20:.0f} MiB; --max-chunk-mib reads larger ones")
+        if kind == b"none":
+            return body
+        if kind == b"bz2":
+            return memoryview(bz2.BZ2Decompressor().decompress(body, size))
+        if kind == b"lz4":
+            import lz4.frame
+
+            return memoryview(lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size))
+        raise ValueError(f"compression {printable(kind.decode('ascii', 'replace'))!r} is none of none, bz2, lz4")
+
+    def _take(self, fields: dict[bytes, bytes], data: memoryview, at: int, end: int, rows: list[Row]) -> None:
+        """A message or connection record."""
+        kind = fields.get(b"op")
+        try:
+            if kind == _MESSAGE:
+                (connection,) = _U32.unpack(fields[b"conn"])
+                seconds, nanoseconds = struct.unpack("<II", fields[b"time"])
+                rows.append((connection, seconds * _SECOND + nanoseconds, at, end - at))
+            elif kind == _CONNECTION:
+                self._connect(fields, _fields(bytes(data[at:end])))
+        except (KeyError, struct.error, UnicodeDecodeError):
+            self.losses.append(f"{self.path}: a message or connection record lacks a field")
+
+    def _connect(self, fields: dict[bytes, bytes], about: dict[bytes, bytes]) -> None:
+        (ident,) = _U32.unpack(fields[b"conn"])
+        topic = fields.get(b"topic") or about[b"topic"]
+        text = about.get(b"message_definition", b"")
+        self.channels[ident] = Channel(ident, topic.decode(), "ros1", about[b"type"].decode(), "ros1msg", text)
+
+    def _batch(self, data: memoryview, rows: list[Row]) -> Batch:
+        channel, stamp, offset, length = np.array(rows, np.int64).T.copy()
+        return Batch(data, channel, stamp, stamp, np.zeros(len(rows), np.int64), offset, length)
+
+
+class _Damage(Exception):
+    """From a byte on nothing sane follows."""
+
+    def __init__(self, at: int) -> None:
+        super().__init__(at)
+        self.at = at
+
+
+def _records(data: memoryview, at: int) -> Iterator[tuple[int, dict[bytes, bytes], int, int]]:
+    """Begin, header fields, begin and end of the data of each record. Raises _Damage.
+
+    Lengths of index records are wrong in old bags: where nothing sane follows a record, the search begins inside it.
+    """
+    inside = at
+    while at < len(data):
+        record = _record(data, at)
+        if record is None:
+            found = _next(data, inside)
+            if found is None:
+                raise _Damage(at)
+            at, inside = found, found + 1
+            continue
+        fields, begin, end = record
+        yield at, fields, begin, end
+        at, inside = end, begin
+
+
+def _record(data: memoryview, at: int) -> tuple[dict[bytes, bytes], int, int] | None:
+    """Header fields, begin and end of the data of the record at a byte; None where there is none."""
+    if at + 8 > len(data):
+        return None
+    (length,) = _U32.unpack_from(data, at)
+    begin = at + 8 + length
+    if length > _LONGEST or begin > len(data):
+        return None
+    try:
+        fields = _fields(bytes(data[at + 4 : at + 4 + length]))
+    except struct.error:
+        return None
+    end = begin + int(_U32.unpack_from(data, begin - 4)[0])
+    return (fields, begin, end) if b"op" in fields and end <= len(data) else None
+
+
+def _next(data: memoryview, at: int) -> int | None:
+    """Where the next sane record begins from a byte on: every header has a field `op`."""
+    whole = bytes(data[at:])
+    place = whole.find(_OP)
+    while place >= 0:
+        for start in range(max(0, place - _BEFORE_OP), place):
+            if _record(data, at + start) is not None:
+                return at + start
+        place = whole.find(_OP, place + 1)
+    return None
+
+
+def _fields(header: bytes) -> dict[bytes, bytes]:
+    """Fields of a header. Raises struct.error."""
+    at, found = 0, {}
+    while at < len(header):
+        (length,) = _U32.unpack_from(header, at)
+        name, equals, value = header[at + 4 : at + 4 + length].partition(b"=")
+        if not equals or at + 4 + length > len(header):
+            raise struct.error
+        found[name] = value
+        at += 4 + length
+    return found
