@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from pfcli.errors import LogError, reason
 from pfcli.formats import landmark_logs, mcap_records, ros1_bag, sqlite_bag, text_logs, tick_logs
@@ -20,9 +20,9 @@ from pfcli.formats.ros1_bag import Ros1Bag
 from pfcli.formats.sqlite_bag import SqliteBag
 
 _HEAD = 16
-_UNPACK: dict[bytes, Callable[[BinaryIO], Any]] = {
-    b"\x28\xb5\x2f\xfd": lambda file: _zstd(file),
-    b"\x04\x22\x4d\x18": lambda file: _lz4(file),
+_UNPACK: dict[bytes, Callable[[Path], Any]] = {
+    b"\x28\xb5\x2f\xfd": lambda path: _zstd(path),
+    b"\x04\x22\x4d\x18": lambda path: _lz4(path),
     b"\x1f\x8b": gzip.open,
     b"BZh": bz2.open,
     b"\xfd7zXZ": lzma.open,
@@ -43,7 +43,7 @@ def open_part(path: Path, reading: Reading) -> Reader:
         return opened
     unpack = next((opener for magic, opener in _UNPACK.items() if head.startswith(magic)), None)
     if unpack is not None:
-        inside = _begin(path, unpack(open(path, "rb")))
+        inside = _begin(path, unpack(path))
         if _is_binary(inside):
             return _unpacked(path, unpack, reading)
     text = text_logs.open_text(path, reading)
@@ -96,13 +96,13 @@ def _binary(path: Path, head: bytes, reading: Reading, shown: Path | None = None
     return None
 
 
-def _unpacked(path: Path, unpack: Callable[[BinaryIO], Any], reading: Reading) -> Reader:
+def _unpacked(path: Path, unpack: Callable[[Path], Any], reading: Reading) -> Reader:
     """The reader of a bag that is compressed as a whole: it is kept unpacked for as long as the command runs."""
     folder = Path(tempfile.mkdtemp(prefix="pfcli-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     copy = folder / path.stem
     try:
-        with open(path, "rb") as packed, unpack(packed) as data, open(copy, "wb") as out:
+        with unpack(path) as data, open(copy, "wb") as out:
             shutil.copyfileobj(data, out, 1 << 20)
     except Exception as error:  # decompressors raise errors of their own; what they gave is still read
         cut = f"{path}: cannot be decompressed whole ({reason(error)}); what it holds up to there is used"
@@ -131,13 +131,13 @@ class _Cut:
         return self._inner.missing
 
 
-def _zstd(file: BinaryIO) -> Any:
+def _zstd(path: Path) -> Any:
     import zstandard
 
-    return zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+    return zstandard.ZstdDecompressor().stream_reader(open(path, "rb"), read_across_frames=True)
 
 
-def _lz4(file: BinaryIO) -> Any:
+def _lz4(path: Path) -> Any:
     import lz4.frame
 
-    return lz4.frame.open(file)
+    return lz4.frame.open(path)

@@ -62,11 +62,14 @@ class Ros1Bag:
         """Messages, a chunk at a time."""
         self.losses.clear()
         rows: list[Row] = []
-        last, index = len(MAGIC), False
+        last, index, cut = len(MAGIC), False, False
         try:
             for begin, fields, at, end in _records(self._data, len(MAGIC)):
                 if begin > last and not index:
-                    self.losses.append(f"{self.path}: is damaged from byte {last} to {begin}")
+                    if _runs_out(self._data, last):  # a chunk that is cut and not compressed: its records follow
+                        cut = True
+                    else:
+                        self.losses.append(f"{self.path}: is damaged from byte {last} to {begin}")
                 last, index = end, fields[b"op"] in _INDEXES
                 if fields[b"op"] == _CHUNK:
                     if rows:
@@ -80,7 +83,12 @@ class Ros1Bag:
                     rows = []
         except _Damage as damage:
             if not index:
-                self.losses.append(f"{self.path}: is cut off or damaged from byte {damage.at} on, of {len(self._data)}")
+                cut = True
+                last = damage.at
+        if cut:
+            self.losses.append(
+                f"{self.path}: is cut off inside the record at byte {last}; the file has {len(self._data)}"
+            )
         if rows:
             yield self._batch(self._data, rows)
 
@@ -178,6 +186,15 @@ def _record(data: memoryview, at: int) -> tuple[dict[bytes, bytes], int, int] | 
         return None
     end = begin + int(_U32.unpack_from(data, begin - 4)[0])
     return (fields, begin, end) if b"op" in fields and end <= len(data) else None
+
+
+def _runs_out(data: memoryview, at: int) -> bool:
+    """Whether a record begins at a byte whose data end behind the file."""
+    (length,) = _U32.unpack_from(data, at) if at + 4 <= len(data) else (len(data),)
+    if at + 8 + length > len(data):
+        return True
+    (count,) = _U32.unpack_from(data, at + 4 + length)
+    return bool(length <= _LONGEST and at + 8 + length + count > len(data))
 
 
 def _next(data: memoryview, at: int) -> int | None:

@@ -15,6 +15,7 @@ from pfcli.dropped import Dropped
 from pfcli.errors import UsageError, printable
 from pfcli.events import Event
 from pfcli.formats import json_messages
+from pfcli.formats.canonical import Canonical
 from pfcli.formats.limits import Reading
 from pfcli.formats.messages import SECOND, decoder
 from pfcli.formats.reader import Channel, Wanted
@@ -48,7 +49,9 @@ class Log:
         self.paths = [paths] if isinstance(paths, Path) else list(paths)
         self.settings = settings
         self.dropped = Dropped()
-        self._file = Recording(self.paths, Reading(settings.limits.chunk_mib))
+        recording = Recording(self.paths, Reading(settings.limits.chunk_mib))
+        self._file = Canonical(recording, settings.limits.chunk_mib)
+        self._notes = recording.notes
         self.path = self._file.path
         self.damage = f" ({self._file.losses[0].partition(': ')[2]})" if self._file.losses else ""
         """What a survey that found damage says of it, for messages about what the log lacks."""
@@ -153,7 +156,7 @@ class Log:
             self.dropped.read["transforms whose quaternion was normalised"] = len(self.frames.tree.scaled)
         for note in self._file.losses:
             self.dropped.add("damaged place", note, _PLACES)
-        self.dropped.notes += self._file.notes
+        self.dropped.notes += self._notes
         if self._file.missing:
             self.dropped.counts["missing message"] += self._file.missing
 
