@@ -19,7 +19,8 @@ from pfcli.cli.commands.calibrate_omni import rolled_of_log
 from pfcli.core.geometry import between, compose
 from pfcli.dropped import Dropped
 from pfcli.events import Heading, LinePoints, Sighting, Ticks, Truth
-from pfcli.formats import line_frames, rosbag, tick_logs
+from pfcli.formats import conversion, line_frames, tick_logs
+from pfcli.formats.limits import AS_IT_IS
 from pfcli.formats.log_writer import LogWriter
 from pfcli.registry import filter_of, system
 from pfcli.replay.log import Log
@@ -121,7 +122,7 @@ def wheels() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         bag = folder / "polimi.mcap"
-        rosbag.convert(DATA / "polimi-mecanum/bag1.bag", bag, "zstd")
+        conversion.convert([DATA / "polimi-mecanum/bag1.bag"], bag, "zstd", AS_IT_IS)
         topics = {"truth": "/robot/pose"}
         halves = [
             rolled_of_log(Log(bag, Settings(topics=topics, end_s=29.4)), POLIMI, Dropped()),
@@ -170,7 +171,7 @@ def match(seeds: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         bag = folder / "polimi.mcap"
-        rosbag.convert(DATA / "polimi-mecanum/bag1.bag", bag, "zstd")
+        conversion.convert([DATA / "polimi-mecanum/bag1.bag"], bag, "zstd", AS_IT_IS)
         logs = [("PoliMi", Log(bag, Settings(topics={"truth": "/robot/pose"})), POLIMI)]
         for kind, drive in (("omni3", OMNI3), ("omni4", OMNI4)):
             logs.append((kind, _mcap(sorted((DATA / "optiodom" / kind).glob("*_run-*.csv"))[0], folder), drive))

@@ -9,6 +9,7 @@ from pathlib import Path
 from pfcli.errors import PfcliError
 from pfcli.formats import (
     carmen,
+    conversion,
     field_yaml,
     landmark_csv,
     landmark_logs,
@@ -16,11 +17,10 @@ from pfcli.formats import (
     map_yaml,
     messages,
     relations,
-    rosbag,
     tick_logs,
     tum,
 )
-from pfcli.formats.limits import Limits
+from pfcli.formats.limits import AS_IT_IS, Limits
 from pfcli.formats.roles import ROLES
 from pfcli.replay import plausible
 from pfcli.replay.log import Log
@@ -156,7 +156,7 @@ def tables(data: bytes) -> None:
 
 def bag(data: bytes) -> None:
     """A ROS 1 bag."""
-    rosbag.convert(_file("x.bag", data), _folder() / "bag.mcap", "none")
+    conversion.convert([_file("x.bag", data)], _folder() / "bag.mcap", "none", AS_IT_IS)
 
 
 TARGETS: dict[str, Callable[[bytes], None]] = {

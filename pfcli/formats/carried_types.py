@@ -12,7 +12,7 @@ import numpy as np
 
 from pfcli.errors import reason
 from pfcli.formats.reader import Channel
-from pfcli.formats.schemas import ros2msg, ros_types, typestore
+from pfcli.formats.schemas import declaration, is_known, ros2msg, typestore
 
 Translate = Callable[[bytes], bytes]
 """Payload as the file has it -> payload as pfcli reads it. Raises ValueError."""
@@ -52,10 +52,11 @@ def canonical(channel: Channel) -> tuple[Channel, Translate | None]:
     Types that pfcli does not know are left as they are.
     """
     name = type_name(channel.schema_name)
-    if channel.encoding not in ("cdr", "ros1", "") or name not in ros_types():
+    if channel.encoding not in ("cdr", "ros1", "") or not is_known(name):
         renamed = channel._replace(schema_name=name) if channel.encoding in ("cdr", "ros1", "") else channel
         return renamed, None
-    ours = channel._replace(schema_name=name, encoding="cdr")
+    encoding, kind, text = declaration(name)
+    ours = channel._replace(schema_name=name, encoding=encoding, schema_encoding=kind, schema=text)
     if channel.encoding != "ros1":
         if _same_text(channel.schema.decode("utf-8", "replace"), name):
             return channel._replace(schema_name=name), None

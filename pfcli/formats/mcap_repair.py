@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,7 +42,7 @@ def repair(
                 if known is None:
                     continue
                 if known not in ids:
-                    ids[known] = _register(out, known, schemas, file)
+                    ids[known] = register(out, known, schemas, file.lose)
                 payload = bytes(batch.data[offset : offset + length])
                 # the fields are unsigned, the walk keeps their bits as signed ones
                 out.add_message(ids[known], log_ns % 2**64, payload, publish_ns % 2**64, sequence)
@@ -51,30 +52,35 @@ def repair(
         topics = len({channel.topic for channel in ids})
         for channel in file.channels.values():
             if channel not in ids:
-                ids[channel] = _register(out, channel, schemas, file)
-        extras = sum(_copy_extra(out, opcode, body, file) for opcode, body in file.extras)
+                ids[channel] = register(out, channel, schemas, file.lose)
+        extras = sum(copy_extra(out, opcode, body, file.lose) for opcode, body in file.extras)
     return Repaired(copied, topics, extras, file.missing, file.losses)
 
 
-def _register(out: Any, channel: Channel, schemas: dict[tuple[str, str, bytes], int], file: McapFile) -> int:
+def register(
+    out: Any, channel: Channel, schemas: dict[tuple[str, str, bytes], int], lose: Callable[[str], None]
+) -> int:
+    """Declare a channel to a writer; its id there. schemas: those that the writer has. Raises LogError: too many."""
     schema = channel[3:6]
     try:
         metadata = mcap_records.pairs(channel.metadata)
     except (struct.error, UnicodeDecodeError):
         metadata = {}
-        file.lose(f"the metadata of the channel {printable(channel.topic)!r} cannot be read")
+        lose(f"the metadata of the channel {printable(channel.topic)!r} cannot be read")
     try:
         if schema not in schemas:
             schemas[schema] = out.register_schema(*schema) if any(schema) else 0
         found: int = out.register_channel(channel.topic, channel.encoding, schemas[schema], metadata)
     except struct.error:
-        raise LogError(f"{file.path}: declares more than 65535 different channels") from None
+        raise LogError(f"topic {printable(channel.topic)!r}: more than 65535 different channels are declared") from None
     if found > _MOST_CHANNELS or len(schemas) > _MOST_CHANNELS:
-        raise LogError(f"{file.path}: declares more than {_MOST_CHANNELS} different channels")
+        raise LogError(
+            f"topic {printable(channel.topic)!r}: more than {_MOST_CHANNELS} different channels are declared"
+        )
     return found
 
 
-def _copy_extra(out: Any, opcode: int, body: bytes, file: McapFile) -> bool:
+def copy_extra(out: Any, opcode: int, body: bytes, lose: Callable[[str], None]) -> bool:
     """Whether an attachment or a metadata record could be read and was written."""
     try:
         if opcode == mcap_records.METADATA:
@@ -87,9 +93,9 @@ def _copy_extra(out: Any, opcode: int, body: bytes, file: McapFile) -> bool:
         (size,) = struct.unpack_from("<Q", body, at)
         (crc,) = struct.unpack_from("<I", body, at + 8 + size)
         if crc and zlib.crc32(body[: at + 8 + size]) != crc:
-            file.lose(f"the attachment {printable(name)!r} fails its checksum; it is kept as it is")
+            lose(f"the attachment {printable(name)!r} fails its checksum; it is kept as it is")
         out.add_attachment(create_ns, log_ns, name, media, body[at + 8 : at + 8 + size])
     except (struct.error, UnicodeDecodeError):
-        file.lose("an attachment or metadata record cannot be read")
+        lose("an attachment or metadata record cannot be read")
         return False
     return True

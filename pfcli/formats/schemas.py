@@ -35,6 +35,16 @@ def ros_types() -> list[str]:
     return sorted(path.stem.replace(".", "/msg/", 1) for path in folder().glob("*.msg"))
 
 
+def is_known(name: str) -> bool:
+    """Whether messages of a type are read: it has a definition here."""
+    return name in _known()
+
+
+@functools.cache
+def _known() -> frozenset[str]:
+    return frozenset((*ros_types(), *(path.stem for path in folder().glob("pfcli.*.json"))))
+
+
 @functools.cache
 def typestore() -> Any:
     """rosbags' type system with every type of `schemas/` registered."""

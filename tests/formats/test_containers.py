@@ -2,19 +2,24 @@
 
 import bz2
 import gzip
+import json
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zstandard
+from mcap.reader import make_reader
 
 from pfcli.errors import LogError
 from pfcli.events import Event, Odometry, Scan
+from pfcli.formats.log_writer import LogWriter
 from pfcli.replay.log import Log
 from tests.conftest import needs
 from tests.formats import containers
-from tests.formats.containers import mcap, plain, ros1_bag, ros1_mcap, rosbag2
+from tests.formats.containers import S, mcap, plain, ros1_bag, ros1_mcap, rosbag2
+from tests.formats.odd_logs import ODOMETRY, T0, numbers, odometry
 
 Make = Callable[[Path, Path], Path]
 
@@ -202,3 +207,89 @@ def test_small_bags_of_other_people() -> None:
     assert len(scans) == 40
     assert isinstance(scans[0].ranges_m, np.ndarray)
     assert not [e for e in scans if isinstance(e, Odometry)]
+
+
+# --- the command line ------------------------------------------------------------------------------------------
+
+Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+FEW = ("--particles", "2", "--threads", "1", "-q")
+
+
+@pytest.mark.parametrize(
+    "kind", ["rosbag2 folder", "ROS 1 bag", "messages compressed in MCAP", "ROS 1 in MCAP", "CARMEN"]
+)
+def test_a_run_of_it_is_that_of_its_conversion(kind: str, pfcli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    if kind == "CARMEN":
+        path = tmp_path / "in" / "x.clf.bz2"
+        path.write_bytes(bz2.compress(_carmen().encode()))
+    else:
+        path = MAKE[kind](tmp_path / "in", plain(tmp_path / "source.mcap"))
+    tracks = []
+    for log in (path, tmp_path / "converted.mcap"):
+        if log != path:
+            done = pfcli("convert", path, log)
+            assert done.returncode == 0, done.stderr
+        done = pfcli("slam-gdr", log, "--out", tmp_path / "run", "--force", *FEW)
+        assert done.returncode == 0, done.stderr
+        tracks.append((tmp_path / "run/track.tum").read_bytes())
+    assert tracks[0] == tracks[1]
+    assert len(tracks[0].splitlines()) == 40
+
+
+def _carmen() -> str:
+    angles = np.radians(np.arange(-90, 90))
+    lines = []
+    for k in range(40):
+        x = 0.25 * k
+        with np.errstate(divide="ignore"):
+            ranges = np.minimum(3 / np.abs(np.sin(angles)), (12 - x) / np.maximum(np.cos(angles), 1e-9))
+        text = " ".join(f"{r:.2f}" for r in np.minimum(ranges, 81.83))
+        lines.append(f"FLASER 180 {text} {x} 0 0 {x} 0 0 {100 + k * 0.25:.6f} host {k}")
+    return "\n".join(lines)
+
+
+def test_convert_leaves_nothing_when_it_fails_and_names_what_it_does_not_read(pfcli: Cli, tmp_path: Path) -> None:
+    source, target = plain(tmp_path / "source.mcap", 4), tmp_path / "x.mcap"
+    with LogWriter(tmp_path / "none.mcap"):
+        pass
+    target.write_bytes(b"an older good one")
+    done = pfcli("convert", tmp_path / "none.mcap", target, "--force")
+    assert done.returncode == 1
+    assert "holds no message" in done.stderr
+    assert target.read_bytes() == b"an older good one"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["none.mcap", "source.mcap", "x.mcap"]
+    odd = mcap(tmp_path / "odd.mcap", source, lambda n: "camera_msgs/msg/Frame" if n.endswith("Odometry") else n)
+    done = pfcli("convert", odd, target, "--force")
+    assert done.returncode == 0
+    assert "camera_msgs/msg/Frame (4)" in done.stdout
+    assert [name for _, name, _, _ in containers.messages(target)].count("camera_msgs/msg/Frame") == 4
+
+
+def test_convert_joins_parts_and_keeps_attachments(pfcli: Cli, tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    for k in range(2):
+        with open(tmp_path / f"bag_{k}.mcap", "wb") as file:
+            writer = Writer(file)
+            writer.start()
+            channel = writer.register_channel("/odom", "cdr", writer.register_schema(ODOMETRY, "ros2msg", b""))
+            writer.add_attachment(1, 2, f"notes{k}.txt", "text/plain", b"by hand")
+            writer.add_metadata("robot", {"part": str(k)})
+            for n in range(5 * k, 5 * k + 5):
+                writer.add_message(channel, T0 + n * S // 10, odometry(n), T0 + n * S // 10)
+            writer.finish()
+    done = pfcli("convert", tmp_path / "bag_1.mcap", tmp_path / "bag_0.mcap", tmp_path / "x.mcap", "--json")
+    assert done.returncode == 0, done.stderr
+    assert numbers(tmp_path / "x.mcap") == list(range(10))
+    with open(tmp_path / "x.mcap", "rb") as file:
+        reader = make_reader(file)
+        assert [a.name for a in reader.iter_attachments()] == ["notes0.txt", "notes1.txt"]
+        assert [m.metadata for m in reader.iter_metadata()] == [{"part": "0"}, {"part": "1"}]
+
+
+def test_info_of_a_folder(pfcli: Cli, tmp_path: Path) -> None:
+    bag = rosbag2(tmp_path / "bag", plain(tmp_path / "source.mcap"))
+    found = json.loads(pfcli("info", bag, "--json").stdout)
+    assert found["messages"] == 81
+    assert found["systems"]["slam-gdr"] == "yes"
