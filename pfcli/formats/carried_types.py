@@ -90,10 +90,8 @@ def _fields_of(text: str) -> dict[str, list[tuple[str, ...]]]:
 
 def _same_text(text: str, name: str) -> bool:
     """Whether a definition has the fields of ours, told without parsing; an empty one says nothing else."""
-    if not text.strip():
-        return True
     theirs, ours = _fields_of(text), _fields_of(ros2msg(name))
-    return all(theirs.get(kind) == fields for kind, fields in ours.items())
+    return not any(theirs.values()) or all(theirs.get(kind) == fields for kind, fields in ours.items())
 
 
 def _carried(channel: Channel, name: str) -> Any:

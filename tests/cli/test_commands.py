@@ -117,7 +117,7 @@ def test_simulate_repeats_byte_for_byte(pfcli: Cli, tmp_path: Path) -> None:
 def test_convert_carries_the_stamp_text_to_the_track(pfcli: Cli, tmp_path: Path) -> None:
     lines = []
     for k in range(40):
-        ranges = " ".join(f"{2 + 0.5 * np.sin(b / 9):.2f}" for b in range(180))
+        ranges = " ".join(f"{2 + 0.5 * np.sin(b / 9) + 0.001 * k:.3f}" for b in range(180))
         lines.append(f"FLASER 180 {ranges} {0.1 * k} 0 0 {0.1 * k} 0 0 {100 + k * 0.25:.6f} host {k}")
     (tmp_path / "x.log").write_text("\n".join(lines))
     assert pfcli("convert", tmp_path / "x.log", tmp_path / "x.mcap").returncode == 0

@@ -126,10 +126,10 @@ def test_an_encoding_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     with open(tmp_path / "x.mcap", "wb") as file:
         writer = Writer(file)
         writer.start()
-        channel = writer.register_channel("/odom", "ros1", writer.register_schema(ODOMETRY, "ros1msg", b""))
+        channel = writer.register_channel("/odom", "cbor", writer.register_schema(ODOMETRY, "ros2msg", b""))
         writer.add_message(channel, T0, odometry(0), T0, 0)
         writer.finish()
-    with pytest.raises(UsageError, match="'ros1'"):
+    with pytest.raises(UsageError, match="'cbor'"):
         numbers(tmp_path / "x.mcap")
 
 
