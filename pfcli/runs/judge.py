@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core.evaluation import track_error
-from pfcli.errors import LogError
+from pfcli.errors import LogError, reason
 from pfcli.formats import tum
 from pfcli.replay.log import Log
+
+_HEAD = 4096
 
 
 class Poses(NamedTuple):
@@ -31,7 +33,7 @@ class Rule(NamedTuple):
 
 def truth_of(path: Path) -> Poses:
     """True poses of a recording with a truth topic, or of a TUM file. Raises LogError where there are none."""
-    if not (path.is_dir() or path.suffix == ".mcap"):
+    if _is_text(path):
         stamps, poses = tum.read(path)
         return Poses(stamps, poses, str(path))
     events: list[Any] = list(Log(path).events(["truth"]))
@@ -57,3 +59,14 @@ def judged(track: Poses, truth: Poses, rule: Rule) -> tuple[dict[str, Any], NDAr
         "aligned": rule.align,
     }
     return summary, moved
+
+
+def _is_text(path: Path) -> bool:
+    """Whether a file is text, as TUM is; every recording with poses is binary, whatever its name."""
+    if path.is_dir():
+        return False
+    try:
+        with open(path, "rb") as file:
+            return b"\0" not in file.read(_HEAD)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read ({reason(error)})") from None

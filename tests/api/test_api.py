@@ -182,6 +182,12 @@ def test_a_track_is_judged_as_the_command_judges_it(loop_run: api.FinishedRun, p
         api.evaluate(folder / "track.tum", truth)["ate_m"], abs=1e-5
     )
     assert api.evaluate(loop_run, loop_run)["max_m"] == pytest.approx(0.0, abs=1e-9)
+    (tmp_path / "renamed").write_bytes(truth.read_bytes())
+    assert api.evaluate(loop_run, tmp_path / "renamed") == api.evaluate(loop_run, truth), (
+        "what it is, not what it is called"
+    )
+    with pytest.raises(LogError, match="cannot be read"):
+        api.evaluate(loop_run, tmp_path / "none.tum")
     stamps, poses = tum.read(folder / "track.tum")
     tum.write(tmp_path / "far.tum", stamps + 10**12, poses)
     with pytest.raises(LogError, match="no stamp"):

@@ -19,7 +19,7 @@ from pfcli.events import stamp_text
     type=click.Path(path_type=Path),
     help="Log that holds the scans' source stamps (default: track.parquet beside TRACK).",
 )
-@click.option("--truth", type=click.Path(path_type=Path), help="TUM file, or an MCAP log with a truth topic.")
+@click.option("--truth", type=click.Path(path_type=Path), help="TUM file, or a recording with a truth topic.")
 @click.option(
     "--map", "map_file", type=click.Path(path_type=Path), help="Map to judge (default: map.yaml beside TRACK)."
 )
