@@ -24,6 +24,10 @@ _COMMANDS = {
         "pfcli.cli.commands.calibrate_omni:calibrate_omni",
         "A robot's wheels and the spread of its line points, from a log with truth.",
     ),
+    "calibrate-drive": (
+        "pfcli.cli.commands.calibrate_drive:calibrate_drive",
+        "Wheel radii, track width, place and clock of the scanner, from any drive.",
+    ),
     "report": ("pfcli.cli.commands.report:report", "A run as one HTML page: map, charts, a slider through its time."),
     "compare": ("pfcli.cli.commands.compare:compare", "Runs side by side: errors, times, tracks, and what differs."),
     "batch": ("pfcli.cli.commands.batch:batch", "Logs x systems x parameters x seeds, on all cores or a cluster."),

@@ -5,9 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_pairs
 from pfcli.core.grid.scan_pairs import Surface, surface_of
 from pfcli.core.motion.clock_offset import Turns
+from pfcli.core.motion.drive_calibration import Motions
 from pfcli.dropped import Dropped
 from pfcli.events import Scan, Truth
 from pfcli.replay.align import ROLES as MOTION_ROLES
@@ -22,6 +24,7 @@ _BEAMS, _SCANS = 240, 4000
 _APART_S, _LONG_S = 0.15, 1.5
 _NEAR_TURN_S, _TURNING_RAD = 1.2, 0.05
 _PAIRS, _SHARE = 1800, 0.4
+_STEP_S, _STILL_M = 0.3, 0.02
 _TURN_M = 0.2
 """A radian turned rolls wheels so far."""
 _GUESSES = np.radians([0.0, -12.0, 12.0, -24.0, 24.0])
@@ -129,3 +132,57 @@ def turns_of(drive: DriveRecord) -> Turns:
             rows.append((start[k], end[k], pair.pose[2], ways[k]))
     found = np.array(rows, np.float64).reshape(-1, 4)
     return Turns(*found.T)
+
+
+def chain_of(at_s: NDArray[np.float64], apart_s: float) -> NDArray[np.int64]:
+    """(p, 2) instants that follow each other without overlap, `apart_s` or more apart, and no pause in between."""
+    kept, last = [], -np.inf
+    for k, at in enumerate(at_s.tolist()):
+        if at - last >= apart_s:
+            kept.append(k)
+            last = at
+    found = np.stack([kept[:-1], kept[1:]], axis=1) if len(kept) > 1 else np.empty((0, 2), np.int64)
+    return np.asarray(found[at_s[found[:, 1]] - at_s[found[:, 0]] < _LONG_S], np.int64)
+
+
+def motions_of(drive: DriveRecord, mount: NDArray[np.float64]) -> Motions:
+    """How the scanner moved between scans, by the scans; mount (3,): where it is believed to sit, to guess from."""
+    pairs = chain_of(drive.scan_s, _STEP_S)
+    start, end = drive.scan_s[pairs[:, 0]], drive.scan_s[pairs[:, 1]]
+    said = _between_poses(drive.motion_s, compose(drive.odometry, mount[None]), start, end)
+    moving = np.flatnonzero((np.hypot(said[:, 0], said[:, 1]) > _STILL_M) | (np.abs(said[:, 2]) > _TURNING_RAD / 2))
+    moving = moving[:: max(1, -(-moving.size // _PAIRS))]
+    rows = []
+    for k in moving.tolist():
+        guesses = np.array([said[k], [*said[k, :2], 0.0], np.zeros(3)])
+        pair = scan_pairs.best_of(drive.surfaces[pairs[k, 0]], drive.surfaces[pairs[k, 1]].points, guesses)
+        if pair.share > _SHARE:
+            rows.append((start[k], end[k], *pair.pose))
+    found = np.array(rows, np.float64).reshape(-1, 5)
+    return Motions(found[:, 0], found[:, 1], found[:, 2:])
+
+
+def true_motions(drive: DriveRecord) -> Motions:
+    """How the tracked body moved, by the truth of the log."""
+    pairs = chain_of(drive.truth_s, _STEP_S)
+    start, end = drive.truth_s[pairs[:, 0]], drive.truth_s[pairs[:, 1]]
+    return Motions(start, end, between(drive.truth[pairs[:, 0]], drive.truth[pairs[:, 1]]))
+
+
+def _between_poses(
+    at_s: NDArray[np.float64], poses: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, 3) steps of interpolated poses (k, 3)."""
+    poses = poses.copy()
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    first, last = (np.stack([np.interp(t, at_s, v) for v in poses.T], axis=1) for t in (start, end))
+    return np.asarray(between(first, last))
+
+
+def rolled_by(odometry: NDArray[np.float64], track_m: float) -> NDArray[np.float64]:
+    """(k, 2) how far two wheels would have rolled (m) to make the odometry (k, 3)."""
+    steps = between(odometry[:-1], odometry[1:])
+    ahead = steps[:, 0] * np.cos(steps[:, 2] / 2) + steps[:, 1] * np.sin(steps[:, 2] / 2)
+    turn = steps[:, 2] * track_m / 2
+    both = np.cumsum(np.stack([ahead - turn, ahead + turn], axis=1), axis=0)
+    return np.concatenate([np.zeros((1, 2)), both])

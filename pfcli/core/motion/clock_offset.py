@@ -40,7 +40,7 @@ def offset(
     A grid over the offset with a Cauchy cost, then Gauss-Newton with a scale of the turns, Cauchy weights. None where too
     little turns to tell. yaw_rad: without jumps of a turn.
     """
-    time_s, yaw_rad = _smoothed(time_s, yaw_rad)
+    time_s, yaw_rad = smoothed(time_s, yaw_rad)
 
     def seen(by: float) -> NDArray[np.float64]:
         ends = np.interp(turns.end_s + by, time_s, yaw_rad)
@@ -72,7 +72,7 @@ def offset(
     return ClockOffset(by, sd_s, int(turning.sum()), spread, scale)
 
 
-def _smoothed(
+def smoothed(
     time_s: NDArray[np.float64], yaw_rad: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The heading, averaged over two periods of its messages, in steps of 5 ms.
