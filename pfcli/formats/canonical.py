@@ -23,6 +23,7 @@ class Canonical:
 
     def __init__(self, inner: Reader, max_message_mib: float) -> None:
         self.inner = inner
+        self.path: Path = inner.path
         self.channels: dict[int, Channel] = {}
         self._limit = int(max_message_mib * 2**20)
         self._translate: dict[int, Translate] = {}
@@ -34,11 +35,6 @@ class Canonical:
             self.channels[ident] = found
             if translate is not None:
                 self._translate[ident] = translate
-
-    @property
-    def path(self) -> Path:
-        """What messages call it."""
-        return self.inner.path
 
     @property
     def files(self) -> list[Path]:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pfcli.core.sensor import no_return
 from pfcli.errors import LogError
 from pfcli.events import Odometry, Pose2, Scan
 from pfcli.formats import text_files
@@ -22,8 +23,6 @@ _SECOND = 1_000_000_000
 _LATEST_S = 1 << 31
 _BEGIN = 2000
 """So many lines are looked at to tell what a file is: parameters may stand in front."""
-_TOP_SHARE = 0.99
-"""The usable range ends this share below the value that a scanner repeats when nothing returns."""
 
 
 class Record(NamedTuple):
@@ -140,17 +139,12 @@ def _mount(laser: Sequence[float], robot: Sequence[float]) -> Pose2:
 
 
 def usable_range_m(records: list[Record]) -> float:
-    """Largest range that is a measurement: just below the top value that the log repeats, else the top itself."""
+    """Largest range that is a measurement: just below the band of values that the log holds at its top, else the top itself."""
     scans = [r.ranges_m for r in records if r.ranges_m is not None]
     if not scans:
         return math.inf
-    values = np.concatenate(scans)
-    values = values[np.isfinite(values)]
-    if values.size == 0:
-        return math.inf
-    top = float(values.max())
-    repeated = int((values == values.max()).sum())
-    return _TOP_SHARE * top if repeated >= max(3, values.size // 100_000) else top
+    stated = max((r.range_max_m for r in records), default=0.0)
+    return no_return.usable_m(np.concatenate(scans), stated if stated > 0 else math.inf)
 
 
 def stamps_ns(texts: list[str], *, repair: bool) -> tuple[list[int], int]:

@@ -44,6 +44,7 @@ class McapFile:
         self._chunks: dict[int, ChunkIndex] = {}
         self._forgotten = 0
         self._wanted, self._passed, self._passing = EVERYTHING, 0, False
+        self._spread: frozenset[int] = frozenset()
         try:
             if path.is_dir():
                 raise LogError(f"{path}: is a folder; name the .mcap file in it")
@@ -127,6 +128,7 @@ class McapFile:
         self._damage.clear()
         self._forgotten = 0
         self._wanted, self._passed = wanted, 0
+        self._spread = self._some(wanted)
         count, last = 0, 0
         walk = Walk(self._bytes, self._known, len(MAGIC))
         while walk.more:
@@ -146,10 +148,17 @@ class McapFile:
         self.missing = max(0, claimed - count - self._passed)
         self._damage.finish(self._bytes.size, self._claimed, self.missing)
 
+    def _some(self, wanted: Wanted) -> frozenset[int]:
+        """Where the chunks begin that are asked for, of those that hold what is wanted."""
+        if not wanted.pieces:
+            return frozenset(self._chunks)
+        holding = sorted(at for at, index in self._chunks.items() if index.holds(wanted))
+        return frozenset(holding[:: -(-len(holding) // wanted.pieces) or 1])
+
     def _is_wanted(self, begin: int) -> bool:
         """Whether the chunk whose record begins at a byte may hold something wanted."""
         index = self._chunks.get(begin)
-        return index is None or index.holds(self._wanted)
+        return index is None or (begin in self._spread and index.holds(self._wanted))
 
     def _pass(self, others: NDArray[np.int64]) -> None:
         """Count the messages of the chunks that were passed over by the message indexes behind them."""

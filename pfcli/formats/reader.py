@@ -54,7 +54,8 @@ class Batch(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What a replay asks for: channel ids (None: all) and the log times (ns) that it can use.
+    """What a replay asks for: channel ids (None: all) and the log times (ns) that it can use; about so many pieces,
+    spread over the recording, are enough (0: all).
 
     A hint: a reader may leave out what is not wanted where that saves work, and never has to.
     """
@@ -62,6 +63,7 @@ class Wanted(NamedTuple):
     channels: frozenset[int] | None = None
     begin_ns: int = LONG_AGO_NS
     end_ns: int = NEVER_NS
+    pieces: int = 0
 
 
 EVERYTHING = Wanted()

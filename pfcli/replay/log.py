@@ -13,7 +13,7 @@ import numpy as np
 
 from pfcli.dropped import Dropped
 from pfcli.errors import UsageError, printable
-from pfcli.events import Event
+from pfcli.events import Event, Scan
 from pfcli.formats import json_messages
 from pfcli.formats.canonical import Canonical
 from pfcli.formats.limits import Reading
@@ -21,7 +21,7 @@ from pfcli.formats.messages import SECOND, decoder
 from pfcli.formats.reader import Channel, Wanted
 from pfcli.formats.recording import Recording
 from pfcli.formats.roles import MANY, ROLES
-from pfcli.replay import plausible
+from pfcli.replay import plausible, usable_range
 from pfcli.replay.frames.base_readings import BaseReadings, Setup
 from pfcli.replay.frames.log_frames import LogFrames
 from pfcli.replay.frames.robot_frames import Wanted as WantedFrames
@@ -146,6 +146,7 @@ class Log:
         room = int(reading.limits.buffer_mib * 2**20)
         waiting = Waiting(int(reading.reorder_s * SECOND), room, reading.clock, offsets)
         order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped, heard)
+        self._tops = usable_range.tops(self._file, sources, self.dropped)
         for source, buffer, offset, length, stamp_ns in order.messages(self._file.batches(_wanted(sources))):
             event = self._decoded(source, buffer, offset, length, stamp_ns, placed)
             if event is not None:
@@ -228,6 +229,8 @@ class Log:
         """The event of a message in the base frame; None where it cannot be read, which is counted."""
         try:
             event, frame = source.decode(buffer, offset, length, stamp_ns)
+            if self._tops and isinstance(event, Scan) and source.channel.id in self._tops:
+                event = event._replace(range_max_m=self._tops[source.channel.id])
             trouble = plausible.fault(event)
             if trouble:
                 raise ValueError(trouble)
