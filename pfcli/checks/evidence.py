@@ -69,7 +69,7 @@ class Evidence:
     run, if any. Stamps in rows are seconds since `start_ns`, so that doubles tell nanoseconds apart.
     """
 
-    def __init__(self, path: Path, pairs: int = 128, map_file: Path | None = None) -> None:
+    def __init__(self, path: Path, pairs: int = 64, map_file: Path | None = None) -> None:
         self.path, self.map_file = path, map_file
         self.start_ns: int | None = None
         self.wheels: list[Wheels] = []

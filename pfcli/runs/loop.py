@@ -15,7 +15,7 @@ from pfcli.checks.table import judged
 from pfcli.core.rows import Rows
 from pfcli.core.threads import set_threads
 from pfcli.dropped import Dropped
-from pfcli.errors import LogError, UsageError, printable
+from pfcli.errors import FilterDegenerate, LogError, UsageError, printable
 from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
 from pfcli.findings import Finding, without
 from pfcli.formats import tum
@@ -116,7 +116,10 @@ def execute(job: Job) -> Run:
             state = filter_.init(job.params, assets, sweep, draw)
         evidence.moved(sweep.stamp_ns, sweep.odometry)
         start = time.perf_counter()
-        state, info = filter_.step(state, sweep, assets, job.params, draw)
+        try:
+            state, info = filter_.step(state, sweep, assets, job.params, draw)
+        except FilterDegenerate as error:
+            raise FilterDegenerate("; ".join([f"{log.path}: {error}", *_doubts(evidence)])) from None
         scans += 1
         stamps.append(sweep.stamp_ns)
         odometry.append(sweep.odometry)
@@ -128,8 +131,8 @@ def execute(job: Job) -> Run:
     if still is not None and still.code not in job.ignore:
         raise LogError(still.line)
     if not infos:
-        why = [found.line for found in judged(evidence) if found.severity == "doubt"][:1]
-        raise LogError("; ".join([f"{job.paths[0]}: {_nothing_ran(scans, dropped, job.system)}", *why]))
+        why = _nothing_ran(scans, dropped, job.system)
+        raise LogError("; ".join([f"{job.paths[0]}: {why}", *_doubts(evidence)]))
     result = filter_.finish(state, assets, job.params)
     if result.dropped is not None:
         dropped.take(result.dropped)
@@ -276,6 +279,11 @@ def _with_data(
             dropped.read["gaps of more than a minute"] += 1
         beams, last = count, sweep.stamp_ns
         yield sweep
+
+
+def _doubts(evidence: Evidence) -> list[str]:
+    """What the checks doubt most, for a run that failed."""
+    return [found.line for found in judged(evidence) if found.severity == "doubt"][:1]
 
 
 def _nothing_ran(count: int, dropped: Dropped, system: System) -> str:

@@ -12,6 +12,8 @@ from pfcli.core.jit import kernel
 
 _WIDEST_RAD = 1.0
 _TURNS = 25
+_BEAMS = 90
+"""About so many beams of the second scan are aligned."""
 
 
 class PairMotion(NamedTuple):
@@ -48,13 +50,14 @@ def _align(first, second, start, step, limits, pose):  # type: ignore[no-untyped
     n = first.size
     cos, sin = np.cos(start + step * np.arange(n)), np.sin(start + step * np.arange(n))
     width = max(3, int(0.15 / abs(step)))
+    stride = max(1, n // _BEAMS)
     inliers, held = 0.0, 0.0
     for turn in range(_TURNS):
         gate = max(0.1, 0.6 * 0.8**turn)
         c, s = np.cos(pose[2]), np.sin(pose[2])
         a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
         points, count, near = 0, 0, 0
-        for i in range(n):
+        for i in range(0, n, stride):
             r = second[i]
             if not (limits[0] < r < limits[1]):
                 continue
@@ -121,7 +124,7 @@ def _align(first, second, start, step, limits, pose):  # type: ignore[no-untyped
         pose[0] += x
         pose[1] += y
         pose[2] += z
-        if turn > 10 and x * x + y * y < 1e-8 and abs(z) < 1e-5:
+        if turn > 7 and x * x + y * y < 1e-8 and abs(z) < 1e-5:
             break
     return inliers, held
 

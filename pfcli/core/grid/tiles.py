@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.jit import inline_kernel, kernel
 from pfcli.core.threads import spread
+from pfcli.errors import FilterDegenerate
 
 BITS = 5
 SIDE = 1 << BITS
@@ -23,6 +24,9 @@ OFF_X, OFF_Y, MEAN_X, MEAN_Y = range(4)
 """Columns of `Tiles.surface`."""
 REACH = 8
 """Cells up to which the nearest occupied cell is known (0.4 m at 0.05 m)."""
+MOST = 160_000
+"""Tiles of all particles together: 2.2 GiB."""
+_TILE_BYTES = CELLS * (2 + 8 + 4)
 _SATURATED = 254
 STEP = 1.0 / 254.0
 _ONE = 4294967296.0
@@ -85,12 +89,18 @@ def cover(tiles: Tiles, low_xy_m: NDArray[np.float64], high_xy_m: NDArray[np.flo
 
 
 def _with_room(tiles: Tiles, needed: int) -> Tiles:
-    """Grow the pool until `needed` tiles are free; what a tile holds is set when it is taken."""
+    """Grow the pool until `needed` tiles are free; what a tile holds is set when it is taken. Raises FilterDegenerate beyond
+    `MOST` tiles: no drive needs them, but ranges in another unit do."""
     free = int(tiles.top[0])
     if free >= needed:
         return tiles
     old = tiles.refs.size
-    new = max(old + needed - free, 2 * old)
+    if old + needed - free > MOST:
+        raise FilterDegenerate(
+            f"the maps of all particles need more than {MOST} tiles ({MOST * _TILE_BYTES >> 20} MiB); a shorter"
+            " --max-range-m, fewer --particles or a coarser --resolution-m need less"
+        )
+    new = min(max(old + needed - free, 2 * old), MOST)
     stack = np.concatenate([np.arange(old, new, dtype=np.int32)[::-1], tiles.free[:free]])
     return tiles._replace(
         refs=_grown(tiles.refs, new),
