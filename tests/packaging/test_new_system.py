@@ -28,7 +28,8 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     assert done.returncode == 0, done.stderr
     (site,) = (folder / "venv/lib").glob("python*/site-packages")
     (site / "others.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
-    (folder / "venv/bin/pip").write_text(f'#!/bin/sh\nexec "{python}" -m pip "$@"\n')
+    isolated = 'command=$1; shift; exec "{}" -m pip "$command" --no-build-isolation "$@"'  # the build backend is that of this one
+    (folder / "venv/bin/pip").write_text(f"#!/bin/sh\n{isolated.format(python)}\n")
     (folder / "venv/bin/pip").chmod(0o755)
     kept = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     offline = {
