@@ -67,8 +67,8 @@ ROLES: dict[str, dict[str, type]] = {
 }
 """Role in a run -> message type -> event kind."""
 
-MANY = ("range", "landmarks")
-"""Roles that several topics may play together."""
+MANY = ("range", "landmarks", "scan")
+"""Roles that several topics may play together; several scanners where they are named."""
 
 RANK = {role: rank for rank, role in enumerate(ROLES)}
 RANK.update(source_stamp=-1, scan=20, range=21, lines=22, landmarks=23, truth=-2)

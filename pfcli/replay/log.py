@@ -127,10 +127,11 @@ class Log:
     def choose(self, role: str) -> str | None:
         """The topic of a role, or None where the log has none. Raises UsageError where there are several."""
         topics = self.roles().get(role, [])
-        if len(topics) > 1 and role not in MANY:
+        if len(topics) > 1 and (role not in MANY or (role == "scan" and role not in self.settings.topics)):
             names = ", ".join(printable(t) for t in topics)
+            several = f", or several scanners at once with --topic scan={','.join(topics)}" if role == "scan" else ""
             raise UsageError(
-                f"{self.path}: several topics can be the {role}: {names}; choose with --topic {role}=TOPIC"
+                f"{self.path}: several topics can be the {role}: {names}; choose with --topic {role}=TOPIC{several}"
             )
         return topics[0] if topics else None
 
@@ -192,7 +193,8 @@ class Log:
         return topics[0] if topics else None
 
     def _sources(self, role: str) -> list[Source]:
-        topics = self.roles().get(role, []) if role in MANY else [self.choose(role)]
+        first = self.choose(role)
+        topics = self.roles().get(role, []) if role in MANY else [first]
         sources: list[Source] = []
         for topic in topics:
             if topic is None:

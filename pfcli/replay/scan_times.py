@@ -62,7 +62,7 @@ class ScanTimes:
         turns = _nearest(at_stamp.yaw_rad, float(np.interp(0.0, times, yaw)))
         reference = np.array([at_stamp.x_m, at_stamp.y_m, at_stamp.yaw_rad + turns])
         mount, reach = (scan.mount.x_m, scan.mount.y_m), (scan.range_min_m, scan.range_max_m)
-        ranges, bearings = deskewed(scan.ranges_m, scan.directions_rad(), mount, reach, poses, reference)
+        ranges, bearings = deskewed(scan.ranges_m, scan.directions_rad(), (mount, mount), reach, poses, reference)
         self._dropped.read["scans that were de-skewed"] += 1
         return scan._replace(ranges_m=ranges, bearings_rad=bearings, mount=Pose2(*mount, 0.0), range_min_m=0.0)
 

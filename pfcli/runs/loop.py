@@ -23,6 +23,7 @@ from pfcli.initial import Initial
 from pfcli.registry import filter_of
 from pfcli.replay import align
 from pfcli.replay.log import Log
+from pfcli.replay.scanners import together
 from pfcli.replay.settings import Drive, Settings
 from pfcli.rng import Draw
 from pfcli.runs import warm
@@ -110,7 +111,8 @@ def execute(job: Job) -> Run:
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
     evidence = Evidence(log.path, map_file=job.map if job.unknown_grey < 0 else None)
     events = _without_truth(_replay(log, roles, dropped, evidence), truth)
-    sweeps = align.sweeps(events, motion, job.drive, dropped, deskew=job.settings.deskew)
+    single = align.sweeps(events, motion, job.drive, dropped, deskew=job.settings.deskew)
+    sweeps = together(single, len(log.roles().get("scan", ())), dropped)
     for sweep in progress(_with_data(sweeps, dropped), job.progress, job.system.name):
         if state is None:
             state = filter_.init(job.params, assets, sweep, draw)

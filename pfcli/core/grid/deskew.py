@@ -7,7 +7,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def _place(ranges, bearings, mount, reach, poses, reference, out_range, out_bearing):  # type: ignore[no-untyped-def]
+def _place(ranges, bearings, mount, origin, reach, poses, reference, out_range, out_bearing):  # type: ignore[no-untyped-def]
     cr, sr = np.cos(reference[2]), np.sin(reference[2])
     for k in range(ranges.size):
         # the robot's pose at this beam, seen from the reference pose
@@ -21,26 +21,27 @@ def _place(ranges, bearings, mount, reach, poses, reference, out_range, out_bear
         elif r >= reach[1]:
             out_range[k], out_bearing[k] = np.inf, angle
         else:
-            x = px + c * mount[0] - s * mount[1] + r * np.cos(angle) - mount[0]
-            y = py + s * mount[0] + c * mount[1] + r * np.sin(angle) - mount[1]
+            x = px + c * mount[0] - s * mount[1] + r * np.cos(angle) - origin[0]
+            y = py + s * mount[0] + c * mount[1] + r * np.sin(angle) - origin[1]
             out_range[k], out_bearing[k] = np.sqrt(x * x + y * y), np.arctan2(y, x)
 
 
 def deskewed(
     ranges_m: NDArray[np.floating],
     directions_rad: NDArray[np.float64],
-    mount_m: tuple[float, float],
+    places_m: tuple[tuple[float, float], tuple[float, float]],
     reach_m: tuple[float, float],
     poses: NDArray[np.float64],
     reference: NDArray[np.float64],
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Ranges (n,) and directions (n,) from the sensor's place at the reference pose to where each beam ended.
+    """Ranges (n,) and directions (n,) from a place on the base at the reference pose to where each beam ended.
 
-    directions_rad: (n,) of the beams in the base frame; mount_m: the sensor on the base; reach_m: below is no measurement
+    directions_rad: (n,) of the beams in the base frame; places_m: the sensor on the base, and where it is
+    seen from; reach_m: below is no measurement
     (NaN), beyond is no return (inf); poses: (n, 3) of the base at each beam; reference: (3,), in the same frame; headings
     without jumps of a turn.
     """
     out, bearing = np.empty(ranges_m.size), np.empty(ranges_m.size)
     given = np.array(ranges_m, np.float64)
-    _place(given, directions_rad, np.array(mount_m), np.array(reach_m), poses, reference, out, bearing)
+    _place(given, directions_rad, *map(np.array, places_m), np.array(reach_m), poses, reference, out, bearing)
     return out.astype(np.float32), bearing

@@ -75,6 +75,7 @@ def cloud(event: Cloud, at: Reading, band: Band, dropped: Dropped) -> Scan:
         range_max_m=math.inf,
         mount=Pose2(mount.pose.x_m, mount.pose.y_m, 0.0),
         bearings_rad=bearings,
+        topic=at.topic,
     )
 
 
