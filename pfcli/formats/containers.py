@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pfcli.errors import LogError, reason
-from pfcli.formats import landmark_logs, mcap_records, ros1_bag, sqlite_bag, text_logs, tick_logs
+from pfcli.formats import landmark_logs, mcap_records, rawlog, ros1_bag, sqlite_bag, text_logs, tick_logs
 from pfcli.formats.folders import find
 from pfcli.formats.limits import Reading
 from pfcli.formats.mcap_file import McapFile
@@ -41,11 +41,15 @@ def open_part(path: Path, reading: Reading) -> Reader:
     opened = _binary(path, head, reading)
     if opened is not None:
         return opened
+    if rawlog.is_one(head):
+        return rawlog.read(path, reading)
     unpack = next((opener for magic, opener in _UNPACK.items() if head.startswith(magic)), None)
     if unpack is not None:
         inside = _begin(path, unpack(path))
         if _is_binary(inside):
             return _unpacked(path, unpack, reading)
+        if rawlog.is_one(inside):
+            return rawlog.read(path, reading)
     text = text_logs.open_text(path, reading)
     if text is None:
         raise text_logs.refuse(path)
