@@ -94,5 +94,5 @@ def test_recorded_logs() -> None:
     assert (len(seen[0].ids), seen[0].ids[:2]) == (27, ("7", "17"))
     assert seen[0].range_m[0] == pytest.approx(3.3538661003112793, abs=1e-5)
     assert seen[0].bearing_rad[0] == pytest.approx(1.1097822189331055, abs=1e-5)
-    assert seen[0].sigma[0].tolist() == pytest.approx([0.01, 0.001745329])
+    assert seen[0].sigma[0].tolist() == pytest.approx([0.01, 0.001745329], abs=1e-5)
     assert [e.stamp_ns for e in seen[:3]] == [0, 10**9, 2 * 10**9]
