@@ -63,6 +63,13 @@ class Job(NamedTuple):
             raise UsageError(f"{self.system.name} needs a map: --map MAP.yaml")
         return self.map
 
+    def sweeps(self) -> Iterator[Any]:
+        """All readings of the run, from its start, for what a system learns beforehand; what is lost is noted by the run."""
+        log, dropped = Log(self.paths, self.settings), Dropped()
+        motion = motion_source(log, self.motion)
+        events = _replay(log, _roles(self, log, motion), dropped, Evidence(log.path))
+        yield from _sweeps(self, log, events, motion, dropped)
+
     @property
     def max_map_mpx(self) -> float:
         """Largest map that may be read (million pixels)."""
@@ -110,10 +117,8 @@ def execute(job: Job) -> Run:
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
     evidence = Evidence(log.path, map_file=job.map if job.unknown_grey < 0 else None)
-    events = _without_truth(_replay(log, roles, dropped, evidence), truth)
-    single = align.sweeps(events, motion, job.drive, dropped, deskew=job.settings.deskew)
-    sweeps = together(single, len(log.roles().get("scan", ())), dropped)
-    for sweep in progress(_with_data(sweeps, dropped), job.progress, job.system.name):
+    sweeps = _sweeps(job, log, _without_truth(_replay(log, roles, dropped, evidence), truth), motion, dropped)
+    for sweep in progress(sweeps, job.progress, job.system.name):
         if state is None:
             state = filter_.init(job.params, assets, sweep, draw)
         evidence.moved(sweep.stamp_ns, sweep.odometry)
@@ -241,6 +246,15 @@ def _replay(log: Log, roles: list[str], dropped: Dropped, evidence: Evidence) ->
         evidence.event(event)
         yield event
     dropped.take(log.dropped)
+
+
+def _sweeps(
+    job: Job, log: Log, events: Iterator[Event], motion: str, dropped: Dropped
+) -> Iterator[Sweep | Sounding | Sighting]:
+    """Readings with the odometry of their moment."""
+    kept = (event for event in events if not isinstance(event, Truth))
+    single = align.sweeps(kept, motion, job.drive, dropped, deskew=job.settings.deskew)
+    return _with_data(together(single, len(log.roles().get("scan", ())), dropped), dropped)
 
 
 def _name_truth(log: Log, name: str) -> None:

@@ -1,13 +1,15 @@
 """The filter: proposal, weights, resampling, and what must survive a broken part."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from pfcli.core.evaluation import map_quality, se2, track_error
 from pfcli.core.geometry import between, compose
-from pfcli.core.graph.pose_graph import Edges
+from pfcli.core.graph.pose_graph import softened
+from pfcli.core.grid import tiles
 from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import beams_of, points_of
 from pfcli.params import build
@@ -17,16 +19,18 @@ from pfcli.replay.settings import Settings
 from pfcli.runs import loop
 from pfcli.simulation.laser import cast
 from pfcli.systems.shared.contract import Frame
-from pfcli.systems.slam_gdr import path_smoother
-from pfcli.systems.slam_gdr.filter import _moved, _setup
+from pfcli.systems.slam_gdr import matching, path_smoother
+from pfcli.systems.slam_gdr.filter import _moved
 from pfcli.systems.slam_gdr.params import Params
 from pfcli.systems.slam_gdr.proposal_kernels import coalesced, covariance, sample_proposal, trace
+from pfcli.systems.slam_gdr.scan_chain import chained
 from tests.conftest import SAMPLES
 
 SLAM = system("slam-gdr")
 
 
-def _job(seed: int = 0, end_s: float | None = None, **params: object) -> loop.Job:
+def _job(seed: int = 0, end_s: float | None = None, smooth: bool = False, **params: object) -> loop.Job:
+    params["smooth"] = smooth
     log = SAMPLES / "small-loop.mcap"
     return loop.Job(SLAM, build(SLAM.params, params, "test"), [log], seed, Settings(end_s=end_s), truth="auto")
 
@@ -129,15 +133,22 @@ def test_one_particle_works() -> None:
     assert done.errors.summary()["ate_m"] < 0.05
 
 
+class _Handed(NamedTuple):
+    scans: list[tiles.Beams]
+    steps_at: Callable[[float], np.ndarray]
+    given: np.ndarray
+    setup: Setup
+
+
 @pytest.fixture(scope="module")
-def smoothed() -> tuple[loop.Run, tuple[path_smoother.Log, np.ndarray, Setup]]:
+def smoothed() -> tuple[loop.Run, _Handed]:
     """A run with --smooth, and what it handed to the smoother."""
-    kept: list[tuple[path_smoother.Log, np.ndarray, Setup]] = []
+    kept: list[_Handed] = []
     whole = path_smoother.smooth
 
-    def watched(log: path_smoother.Log, path: np.ndarray, setup: Setup) -> path_smoother.Smoothed:
-        kept.append((log, path, setup))
-        return whole(log, path, setup)
+    def watched(*handed: Any) -> path_smoother.Smoothed:
+        kept.append(_Handed(*handed))
+        return whole(*handed)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(path_smoother, "smooth", watched)
@@ -171,31 +182,40 @@ def test_frames_move_with_the_poses_of_their_updates() -> None:
     assert np.allclose(moved.particles, [[-0.1, 2.0, np.pi / 2], [0.0, 2.3, np.pi / 2 + 0.2]])
 
 
-def test_a_bent_path_is_straightened_by_what_the_robot_came_back_to(smoothed: Any) -> None:
-    """The path that the filter hands over, bent by 0.5 mrad a step, comes out as it does without."""
-    done, (log, path, setup) = smoothed
+def test_odometry_that_comes_late_is_found_out(smoothed: Any) -> None:
+    """The sample's odometry is in time; here it is half a second late, and 0.01 rad a metre wrong."""
+    done, handed = smoothed
     straight = done.result.track.poses[done.result.track.columns["update"]]
-    bent = np.zeros_like(path)
-    for k in range(len(path) - 1):
-        step = between(path[k : k + 1], path[k + 1 : k + 2]) + np.array([0.002, 0.0, 0.0005])
-        bent[k + 1] = compose(bent[k : k + 1], step)[0]
-    ate = []
-    found = path_smoother.smooth(log, bent, setup).path
-    assert found is not None
-    for candidate in (bent, found.poses):
-        moved = se2.compose(track_error.align_se2(candidate, straight)[None], candidate)
-        ate.append(float(np.sqrt(((moved - straight)[:, :2] ** 2).sum(axis=1).mean())))
-    assert ate[0] > 0.1
-    assert ate[1] < 0.005
+    assert done.result.summary["odometry_later_s"] == 0.0
+
+    def late(offset_s: float) -> np.ndarray:
+        steps = handed.steps_at(offset_s - 0.5).copy()
+        steps[:, 2] += 0.01 * np.hypot(steps[:, 0], steps[:, 1])
+        return steps
+
+    found = path_smoother.smooth(*handed._replace(steps_at=late))
+    assert found.offset_s == pytest.approx(0.5, abs=0.05)
+    moved = se2.compose(track_error.align_se2(found.path.poses, straight)[None], found.path.poses)
+    assert float(np.hypot(*(moved - straight)[:, :2].T).max()) < 0.03
+
+
+def test_each_closure_is_told_and_why_it_does_not_count(smoothed: Any) -> None:
+    done, _ = smoothed
+    table, summary = done.result.tables["closures"], done.result.summary
+    count = summary["closures"] + sum(w == "no match near it agrees" for w in table["why_not"])
+    assert len(table["used"]) == count
+    assert sum(table["used"]) == summary["closures_used"]
+    assert all(used == (why == "") for used, why in zip(table["used"], table["why_not"], strict=True))
+    assert (table["second_t_ns"] > table["first_t_ns"]).all()
 
 
 def test_smoothed_covariances_say_how_far_off_the_track_is(smoothed: Any) -> None:
     """Against truth, seen from the first pose: not overconfident by more than a factor of two, and not useless."""
-    done, (_, path, _) = smoothed
+    done, handed = smoothed
     columns = done.result.track.columns
     at = columns["update"]
     sd = np.sqrt(columns["cov_xx_m2"][at] + columns["cov_yy_m2"][at])
-    assert len(sd) == len(path)
+    assert len(sd) == len(handed.scans)
     assert sd[0] == 0.0
     truth = list(Log(SAMPLES / "small-loop.mcap").events(["truth"]))
     there = track_error.interpolate(
@@ -208,28 +228,15 @@ def test_smoothed_covariances_say_how_far_off_the_track_is(smoothed: Any) -> Non
     assert 0.1 < ratio < 2
 
 
-def test_a_path_that_explains_the_scans_better_is_kept(smoothed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here because closures come out wrong by a metre."""
-    _, (log, path, setup) = smoothed
-    right = path_smoother._closures
-
-    def wrong(*args: Any) -> Edges:
-        edges = right(*args)
-        return edges._replace(measured=edges.measured + np.array([1.0, 0.5, 0.0]))
-
-    monkeypatch.setattr(path_smoother, "_closures", wrong)
-    assert path_smoother.smooth(log, path, setup).path is None
-
-
 def test_the_graph_is_told_along_and_across_the_way_whatever_the_heading() -> None:
     """In a plain corridor a scan says nothing along the way; odometry, which says it, is worth 1 / (0.07 m)^2."""
     bearings = np.radians(np.arange(-90.0, 90.5))
     walls = np.array([[-100.0, -1.2, 100.0, -1.2], [-100.0, 1.3, 100.0, 1.3]])
     seen = np.empty(bearings.size)
-    setup = _setup(Params())
+    setup = matching.setup(Params(sigma_hit_m=0.03, resolution_m=0.05))
     setup = setup._replace(matcher=setup.matcher._replace(map_normals=True, tangent=0.0))
     for heading in (0.0, np.pi / 2):
-        log, at = path_smoother.Log(), np.zeros(3)
+        scans, at = [], np.zeros(3)
         # the chain begins along its x axis: the robot first turns on the spot, in a corridor that lies across
         turns = [np.array([0.0, 0.0, heading / 6])] * (6 if heading else 0)
         for step in (None, *turns, *([np.array([0.25, 0.0, 0.0])] * 40)):
@@ -238,10 +245,9 @@ def test_the_graph_is_told_along_and_across_the_way_whatever_the_heading() -> No
             x, y, yaw = (at[1], -at[0], at[2] - heading) if heading else at
             cast(x, y, bearings + yaw, walls, np.zeros((0, 3)), 80.0, seen)
             ends = points_of(seen, (bearings[0], np.radians(1)), (0.0, 30.0), (0.0, 0.0, 0.0), 1, 0.0, 0.05)
-            log.add(beams_of(ends, (0.0, 0.0, 0.0)), step)
-        steps = np.array(log.steps)
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2]))])
-        chain = path_smoother._chained(log, steps, setup.noise, way, setup)
+            scans.append(beams_of(ends, (0.0, 0.0, 0.0)))
+        steps = np.array([*turns, *([np.array([0.25, 0.0, 0.0])] * 40)])
+        chain = chained(scans, steps, setup.noise, setup, np.ones(len(steps), bool))
         assert abs(chain.poses[-1, 2] - heading) < 0.01
         along, across = np.median(chain.edges.information[-20:, [0, 1], [0, 1]], axis=0)
         assert 100 < along < 3000 < 10_000 < across
@@ -251,11 +257,11 @@ def test_what_a_match_does_not_tell_stays_untold() -> None:
     """Along a plain wall, at any angle to the axes, and where a little less than nothing is left of it."""
     turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1.0]])
     for along in (0.0, -5.0):
-        told = path_smoother._softened((turn @ np.diag([along, 1e4, 1e5]) @ turn.T)[None], (0.02, 0.02, 0.003))[0]
+        told = softened((turn @ np.diag([along, 1e4, 1e5]) @ turn.T)[None], (0.02, 0.02, 0.003))[0]
         assert np.linalg.eigvalsh(told).min() > 0
         expected = turn @ np.diag([1e-3, 1 / (1e-4 + 0.0004), 1 / (1e-5 + 9e-6)]) @ turn.T
         assert np.allclose(told, expected, rtol=1e-3, atol=1e-2)
-    assert path_smoother._softened(np.zeros((0, 3, 3)), (1.0, 1.0, 1.0)).shape == (0, 3, 3)
+    assert softened(np.zeros((0, 3, 3)), (1.0, 1.0, 1.0)).shape == (0, 3, 3)
 
 
 def test_smoothing_needs_no_second_update() -> None:

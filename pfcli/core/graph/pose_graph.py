@@ -5,6 +5,7 @@ wrong closure is outvoted; they start flat and become narrow (Yang 2020, graduat
 far off at first is not. Covariances from draws that perturb every measurement and solve again (Papandreou 2010).
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,10 @@ _ITERATIONS, _ENOUGH = 40, 1e-4
 _DOUBT, _BREAKS = 9.0, 36.0
 """Squared Mahalanobis distance at which a doubtful edge counts a quarter, and one of the chain: a slip breaks it, where several
 closures agree that it does."""
+_ENOUGH_TOLD, _UNIT = 30.0, (0.1, 4.0)
+"""From so many more measured values than poses want on, the variance of the unit is known; and how far it may be off one."""
+_NOTHING = 1e-3
+"""Information (1 / m^2, 1 / rad^2) that counts as none."""
 _NARROWER = 4.0
 """That distance starts where all edges count, and is divided by this in each iteration."""
 
@@ -32,17 +37,44 @@ class Edges(NamedTuple):
     information: NDArray[np.float64]
 
 
+def no_edges() -> Edges:
+    """None at all."""
+    return Edges(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
+
+
+def joined(parts: Sequence[Edges]) -> Edges:
+    """All edges of the parts, in their order."""
+    return Edges(*(np.concatenate(columns) for columns in zip(no_edges(), *parts, strict=True)))
+
+
+def softened(information: NDArray[np.float64], sd: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Information (e, 3, 3) after errors of that standard deviation (m, m, rad) were added. What it has of a direction may be
+    nothing, as along a plain wall; it comes out positive definite."""
+    values, axes = np.linalg.eigh((information + information.swapaxes(1, 2)) / 2)
+    covariance = (axes / np.maximum(values, _NOTHING)[:, None, :]) @ axes.swapaxes(1, 2)
+    return np.asarray(np.linalg.inv(covariance + np.diag(np.square(sd))))
+
+
+def seen_from(headings: NDArray[np.float64], information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Information (e, 3, 3) in the map frame as in the frames of poses with such headings (e,), rad."""
+    cos, sin, turn = np.cos(headings), np.sin(headings), np.zeros((headings.size, 3, 3))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, -sin, sin, cos, 1.0
+    return np.asarray(turn.swapaxes(1, 2) @ information @ turn)
+
+
 class Relaxed(NamedTuple):
     """poses (t, 3); draws (n, t, 3), how far off they may be, the first staying where it is; weights (d,) of the doubtful
-    edges, 0 .. 1."""
+    edges, 0 .. 1; unit_variance: of what edges are off, over what their information says, 1 where nothing tells."""
 
     poses: NDArray[np.float64]
     draws: NDArray[np.float64]
     weights: NDArray[np.float64]
+    unit_variance: float = 1.0
 
     def covariance(self) -> NDArray[np.float64]:
-        """Covariances (t, 3, 3) of the poses, seen from the first."""
-        return np.asarray(np.einsum("nta,ntb->tab", self.draws, self.draws) / max(1, self.draws.shape[0]))
+        """Covariances (t, 3, 3) of the poses, seen from the first, scaled by how well the edges agree (a posteriori)."""
+        of_draws = np.einsum("nta,ntb->tab", self.draws, self.draws) / max(1, self.draws.shape[0])
+        return np.asarray(of_draws * np.clip(self.unit_variance, *_UNIT))
 
     def relative_sd(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.float64]:
         """(p, 2): standard deviations of position (m, a coordinate) and heading (rad) of poses second (p,) seen from first."""
@@ -71,7 +103,7 @@ def relax(
 
     draws: how many to make, from `rng`.
     """
-    edges = Edges(*(np.concatenate(pair) for pair in zip(chain, doubtful, strict=True)))
+    edges = joined((chain, doubtful))
     known, poses, scale = chain.first.size, poses.copy(), np.inf
     off = np.zeros((draws, poses.shape[0], 3))
     if poses.shape[0] < 2:
@@ -92,7 +124,9 @@ def relax(
             # information x noise of that information: L z
             noise = np.einsum("eij,ej->ei", low, rng.standard_normal(linear.residual.shape))
             one[1:] = factor.solve(_pulled(linear, edges, noise, poses.shape[0])).reshape(-1, 3)
-    return Relaxed(poses, off, weights[known:])
+    square = float(np.einsum("ei,eij,ej->", linear.residual, linear.information, linear.residual))
+    redundancy = 3.0 * float(weights[known:].sum())
+    return Relaxed(poses, off, weights[known:], square / redundancy if redundancy >= _ENOUGH_TOLD else 1.0)
 
 
 def _linearise(

@@ -304,3 +304,15 @@ def match(
     poses, hessians, out = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 4))
     spread(_match_rows, n, tiles, priors, information, corrections, points, normals, m, poses, hessians, out)
     return Match(poses, hessians, out[:, 0], out[:, 1], out[:, 2], out[:, 3])
+
+
+def across(tiles: Tiles, pose: NDArray[np.float64], points: NDArray[np.float64], m: Matcher) -> NDArray[np.float64]:
+    """Distances (c,) across surfaces (m), in the map of the first particle, of those end points that lie on lines and have a
+    surface in reach.
+
+    pose: (3,) m, rad; points: (b, 2) end points in the base frame (m).
+    """
+    work = np.empty((9, max(10, points.shape[0])))
+    count, _ = _correspond(tiles, 0, pose, points, scan_normals(points, 0.0), 1, m, work)
+    off = np.abs(work[4, :count] * work[0, :count] + work[5, :count] * work[1, :count])
+    return np.asarray(off[work[6, :count] > 0.0])

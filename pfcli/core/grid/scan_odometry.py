@@ -49,16 +49,30 @@ class ScanOdometry:
         self._newer: tiles.Tiles | None = None
         self._way_m, self._since_m = 0.0, 0.0
 
-    def step(self, scan: tiles.Beams, moved: NDArray[np.float64], way_m: float, noise: Noise) -> Matched:
+    def step(
+        self, scan: tiles.Beams, moved: NDArray[np.float64], way_m: float, noise: Noise, slips: bool = True
+    ) -> Matched:
         """Take the step `moved` (3,) of the odometry, after so much way, and match the scan.
 
-        noise: of the step while the wheels do not slip; where they seem to, the odometry is taken for what it may be.
+        noise: of the step while the wheels do not slip; where they seem to, the odometry is taken for what it may be; slips:
+        whether they may.
         """
+        return self.take(scan, self.matched(scan, moved, noise, slips), way_m)
+
+    @property
+    def map(self) -> tiles.Tiles:
+        """The map of the way behind."""
+        return self._older
+
+    def matched(
+        self, scan: tiles.Beams, moved: NDArray[np.float64], noise: Noise, slips: bool = True
+    ) -> scan_match.Match:
+        """Match the scan after the step `moved` (3,); see `step`."""
         setup, ends = self._setup, ends_of(scan)
         prior = compose(self.pose[None], moved[None])
         known = information(moved, noise)
         match = scan_match.match(self._older, prior, known, _NOWHERE[None], ends, setup.matcher)
-        elsewhere = coarse(self._older, 0, prior[0], ends, setup.window)
+        elsewhere = coarse(self._older, 0, prior[0], ends, setup.window) if slips else _NOWHERE
         if elsewhere.any():
             # the wheels may have slipped: then odometry is as bad as the parameters allow, or says nothing
             usual = information(moved, setup.noise)
@@ -66,6 +80,11 @@ class ScanOdometry:
             before = scan_match.log_prior(other.pose[0], prior[0], known, setup.matcher)
             if other.log_likelihood[0] + before > match.log_likelihood[0] + match.log_prior[0] + _PEOPLE:
                 match = other
+        return match
+
+    def take(self, scan: tiles.Beams, match: scan_match.Match, way_m: float) -> Matched:
+        """Go to where the scan was matched, after so much way, and draw it where it does not contradict the map."""
+        setup = self._setup
         self.pose = match.pose[0]
         self._way_m += way_m
         if self._newer is None and self._way_m - self._since_m >= WAY_M:
@@ -87,3 +106,13 @@ def ends_of(scan: tiles.Beams) -> NDArray[np.float64]:
 def draw_one(maps: tiles.Tiles, pose: NDArray[np.float64], scan: tiles.Beams) -> tiles.Tiles:
     """Draw a scan into the map of a single particle, at a pose (3,)."""
     return tiles.draw(maps, pose[None], np.ones(1, bool), scan)
+
+
+def drawn(
+    scans: list[tiles.Beams], poses: NDArray[np.float64], chosen: NDArray[np.bool_], resolution_m: float
+) -> tiles.Tiles:
+    """The map of the scans chosen (t,) of t, at poses (t, 3)."""
+    maps = tiles.empty(1, resolution_m)
+    for k in np.flatnonzero(chosen).tolist():
+        maps = draw_one(maps, poses[k], scans[k])
+    return maps

@@ -4,7 +4,7 @@ A system is a record (`System`) found by the entry point `pfcli.systems`, and a 
 Everything else follows from these: the command and its options, `--params`, the docs page, Parquet schemas, charts, tests.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
@@ -94,6 +94,10 @@ class Job(Protocol):
     @property
     def unknown_grey(self) -> int:
         """A shade of the map that is unknown whatever its thresholds say (-1: none)."""
+        ...
+
+    def sweeps(self) -> "Iterator[Any]":
+        """All readings of the run, from its start, for what is learnt of them beforehand."""
         ...
 
 

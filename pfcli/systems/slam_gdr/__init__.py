@@ -25,6 +25,8 @@ SYSTEM = System(
         one("tiles of the maps", "tiles", low=0.0),
     ),
     equations=5,
-    example=Example("small-loop.mcap", ("--end", "50", "--particles", "6", "--resample-threshold", "0.9")),
+    example=Example(
+        "small-loop.mcap", ("--end", "50", "--particles", "6", "--resample-threshold", "0.9", "--no-smooth")
+    ),
     variants={"landmarks": slam_landmarks.SYSTEM},
 )

@@ -84,6 +84,18 @@ class History:
         """Stamps (m,) of all updates, ns."""
         return np.asarray(self._stamps_ns.array()[self._scan_of_update.array()])
 
+    def steps_at(self, offset_s: float) -> NDArray[np.float64]:
+        """Odometry's steps (m - 1, 3) between the updates, with the odometry of `offset_s` after each scan."""
+        stamps, odometry = self._stamps_ns.array(), self._odometry.array().copy()
+        if offset_s == 0.0:
+            poses = odometry[self._scan_of_update.array()]
+        else:
+            odometry[:, 2] = np.unwrap(odometry[:, 2])
+            seconds = (stamps - stamps[0]) * 1e-9
+            at = seconds[self._scan_of_update.array()] + offset_s
+            poses = np.stack([np.interp(at, seconds, column) for column in odometry.T], axis=1)
+        return np.asarray(between(poses[:-1], poses[1:]))
+
     def track(self, chosen: NDArray[np.float64], covariance: NDArray[np.float64]) -> Track:
         """Poses of all scans since the first update, given those of the updates (m, 3) and their covariances (m, 3, 3)."""
         updates, odometry = self._scan_of_update.array(), self._odometry.array()

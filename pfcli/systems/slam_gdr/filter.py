@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from pfcli.core.geometry import between, compose
 from pfcli.core.grid import scan_match, tiles
-from pfcli.core.grid.coarse_search import Window, coarse
-from pfcli.core.grid.scan_odometry import Setup
-from pfcli.core.grid.scan_points import Points, beams_of, points_of
+from pfcli.core.grid.coarse_search import coarse
+from pfcli.core.grid.scan_odometry import drawn
+from pfcli.core.grid.scan_points import Points, beams_of
 from pfcli.core.motion.odometry import information
-from pfcli.core.sensor.usable_range import usable_m
 from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sweep
 from pfcli.rng import Draw, Purpose
@@ -24,14 +23,11 @@ from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.motion_gate import noise_of, step_since
 from pfcli.systems.shared.resampling import ancestors_of, dispersed
 from pfcli.systems.shared.tile_map import grid_of
-from pfcli.systems.slam_gdr import path_smoother
+from pfcli.systems.slam_gdr import matching, path_smoother
 from pfcli.systems.slam_gdr.ancestry import History
 from pfcli.systems.slam_gdr.params import Params
 from pfcli.systems.slam_gdr.proposal_kernels import covariance, sample_proposal
-
-_COARSE = (0.15, 0.035, 0.12, 50, 0.005)
-"""Steps (m, rad) and end point spread (m) of the coarse search; a beam count at which it still sees a room; the gain from
-which on a correction is worth a second start: else odometry is as good."""
+from pfcli.systems.slam_gdr.scanner_spread import Learnt, learnt
 
 
 class Info(NamedTuple):
@@ -56,7 +52,7 @@ class Info(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3); log_w since the last resampling; score: log weight summed along the ancestry; odometry (1, 3) of
-    the last update; the particles' maps; log: what smoothing wants, empty without it."""
+    the last update; the particles' maps; scans: of all updates, empty without smoothing."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -66,53 +62,37 @@ class State(NamedTuple):
     history: History
     frames: FrameKeeper
     resamplings: int
-    log: path_smoother.Log
+    scans: list[tiles.Beams]
 
 
-def init(params: Params, assets: None, first: Sweep, draw: Draw) -> State:
+def init(params: Params, assets: Learnt, first: Sweep, draw: Draw) -> State:
     """All particles at the origin of the map, which is the pose of the first scan."""
     n = params.particles
     return State(
-        np.zeros((n, 3)),
-        np.zeros(n),
-        np.zeros(n),
-        np.array([first.odometry], np.float64),
-        tiles.empty(n, params.resolution_m),
-        History(),
-        FrameKeeper(),
-        0,
-        path_smoother.Log(),
+        pose=np.zeros((n, 3)),
+        log_w=np.zeros(n),
+        score=np.zeros(n),
+        odometry=np.array([first.odometry], np.float64),
+        maps=tiles.empty(n, assets.params.resolution_m),
+        history=History(),
+        frames=FrameKeeper(),
+        resamplings=0,
+        scans=[],
     )
 
 
-def step(state: State, sweep: Sweep, assets: None, params: Params, draw: Draw) -> tuple[State, Info | None]:
+def step(state: State, sweep: Sweep, assets: Learnt, params: Params, draw: Draw) -> tuple[State, Info | None]:
     """Every scan is recorded; one that has moved far enough updates the filter."""
-    history = state.history
+    history, params = state.history, assets.params
     history.see(sweep)
     first = history.updates == 0
     now, moved, _, far = step_since(state.odometry, sweep.odometry, params)
     if not (first or far):
         return state, None
-    points = _points(sweep, params)
+    points = matching.points(sweep, params)
     if points.ends.shape[0] == 0:
         return state, None
     return _update(state._replace(odometry=now), sweep, points, None if first else moved, params, draw)
-
-
-def _points(sweep: Sweep, params: Params) -> Points:
-    scan = sweep.scan
-    high = usable_m(scan.range_max_m, params.max_range_m)
-    stride = -(-scan.ranges_m.size // params.max_beams) or 1
-    return points_of(
-        scan.ranges_m,
-        (scan.angle_min_rad, scan.angle_increment_rad),
-        (scan.range_min_m, high),
-        scan.mount,
-        stride,
-        min(params.clear_no_return_m, high),
-        params.resolution_m,
-        scan.bearings_rad,
-    )
 
 
 def _update(
@@ -137,7 +117,7 @@ def _update(
     fits = np.ones(n, bool) if match is None else (match.inliers < 0) | (match.inliers >= params.draw_inliers)
     beams = beams_of(points, sweep.scan.mount)
     if params.smooth:
-        state.log.add(beams, moved)
+        state.scans.append(beams)
     # section 2.2, step 6: at the dispersed poses; a scan that contradicts a particle's map is left out of it
     maps = tiles.draw(state.maps, state.pose, fits[ancestors], beams)
     state = state._replace(maps=maps, resamplings=state.resamplings + resampled)
@@ -145,31 +125,31 @@ def _update(
     state.history.update(state.pose, ancestors, spread_of)
     state.frames.offer(sweep.stamp_ns, state.pose[int(np.argmax(state.score))], state.pose, points.ends)
     info = Info(
-        sweep.stamp_ns,
-        n_eff,
-        resampled,
-        np.unique(ancestors).size,
-        float(evidence),
-        float(match.log_likelihood.mean()) if match else 0.0,
-        float(match.inliers.mean()) if match else -1.0,
-        int(match.second.sum()) if match else 0,
-        float(sd.mean()),
-        float(np.sqrt(spread_of[0, 0] + spread_of[1, 1])),
-        spread,
-        points.ends.shape[0],
-        points.no_returns,
-        points.invalid,
-        tiles.used(state.maps),
+        t_ns=sweep.stamp_ns,
+        n_eff=n_eff,
+        resampled=resampled,
+        unique_ancestors=np.unique(ancestors).size,
+        log_evidence=float(evidence),
+        match_log_likelihood=float(match.log_likelihood.mean()) if match else 0.0,
+        match_inliers=float(match.inliers.mean()) if match else -1.0,
+        coarse_starts=int(match.second.sum()) if match else 0,
+        proposal_sd_m=float(sd.mean()),
+        particle_spread_m=float(np.sqrt(spread_of[0, 0] + spread_of[1, 1])),
+        offspring_spread_m=spread,
+        beams=points.ends.shape[0],
+        no_returns=points.no_returns,
+        invalid_beams=points.invalid,
+        tiles=tiles.used(state.maps),
     )
     return state, info
 
 
 def _match(state: State, moved: NDArray[np.float64], points: Points, params: Params) -> scan_match.Match:
     """Predict by odometry, look around with the leading particle, refine every particle (sections 2.2, 1 and 2)."""
-    noise, matcher = noise_of(params), _matcher(params)
+    noise, matcher = noise_of(params), matching.matcher(params)
     predicted = compose(state.pose, moved.reshape(1, 3))
     prior = information(moved, noise)
-    near = _near(params)
+    near = matching.near(params)
     lead = int(np.argmax(state.score))
     corrections = np.tile(coarse(state.maps, lead, predicted[lead], points.ends, near), (params.particles, 1))
     match = scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
@@ -183,21 +163,6 @@ def _match(state: State, moved: NDArray[np.float64], points: Points, params: Par
     return scan_match.match(state.maps, predicted, prior, corrections, points.ends, matcher)
 
 
-def _matcher(params: Params) -> scan_match.Matcher:
-    return scan_match.Matcher(
-        sigma_m=params.sigma_hit_m,
-        wide_m=params.match_width_m,
-        gain=params.beam_gain,
-        coarse_xy_m=params.coarse_xy_m,
-        coarse_yaw_rad=float(np.radians(params.coarse_yaw_deg)),
-        beam_width_rad=float(np.radians(params.beam_width_deg)),
-    )
-
-
-def _near(params: Params) -> Window:
-    return Window(params.coarse_xy_m, float(np.radians(params.coarse_yaw_deg)), *_COARSE)
-
-
 def _resample(
     state: State, ancestors: NDArray[np.int64], weights: NDArray[np.float64], params: Params, draw: Draw, stamp_ns: int
 ) -> State:
@@ -209,40 +174,29 @@ def _resample(
     )
 
 
-def finish(state: State, assets: None, params: Params) -> Result:
+def finish(state: State, assets: Learnt, params: Params) -> Result:
     """Track and map of the best particle: the one with the largest log weight summed along its ancestry."""
-    history = state.history
+    history, params = state.history, assets.params
     best = int(np.argmax(state.score))
     path, covariance, grid, frames = history.path(best), history.covariance(), None, state.frames.frames()
+    tables: dict[str, dict[str, Any]] = {}
     summary: dict[str, Any] = {
         "updates": history.updates,
         "resamplings": state.resamplings,
         "updates_shared_by_all": history.shared(),
         "tiles": tiles.used(state.maps),
         "map_mib": round(tiles.used(state.maps) * tiles.CELLS * 16 / 2**20, 1),
-        "smoothed": False,
+        "smoothed": params.smooth,
+        **assets.reason,
     }
     if params.smooth:
-        found = path_smoother.smooth(state.log, path, _setup(params))
-        if found.path is not None:
-            frames = _moved(frames, history.update_stamps(), path, found.path.poses)
-            path, covariance = found.path.poses, found.path.covariance()
-            grid = grid_of(path_smoother.drawn(state.log, path, found.fits, params.resolution_m), 0)
-        summary |= {"smoothed": found.path is not None, "closures": found.closures, "closures_used": found.used}
-        if found.path is not None and found.calibration is not None:
-            errors = found.calibration._asdict()
-            summary |= {f"odometry_{k}": round(errors[k], 4) + 0.0 for k in ("way", "drift", "turn_per_m", "turn")}
-    return Result(history.track(path, covariance), grid or grid_of(state.maps, best), frames, summary)
-
-
-def _setup(params: Params) -> Setup:
-    return Setup(
-        _matcher(params),
-        _near(params),
-        noise_of(params),
-        params.resolution_m,
-        params.draw_inliers,
-    )
+        found = path_smoother.smooth(state.scans, history.steps_at, path, matching.setup(params))
+        frames = _moved(frames, history.update_stamps(), path, found.path.poses)
+        path, covariance = found.path.poses, found.path.covariance()
+        grid = grid_of(drawn(state.scans, path, found.fits, params.resolution_m), 0)
+        summary |= found.summary()
+        tables = {"closures": found.table(history.update_stamps())}
+    return Result(history.track(path, covariance), grid or grid_of(state.maps, best), frames, summary, tables=tables)
 
 
 def _moved(
@@ -256,8 +210,9 @@ def _moved(
     return out
 
 
-def load(params: Params, job: Job) -> None:
-    """Nothing is known before the first scan."""
+def load(params: Params, job: Job) -> Learnt:
+    """What the log tells of its scanner."""
+    return learnt(params, job.sweeps())
 
 
 FILTER = Filter(info=Info, load=load, init=init, step=step, finish=finish)

@@ -38,13 +38,15 @@ class Params:
     alpha_yaw_deg: AlphaYaw = 0.3
     dispersal_cap: DispersalCap = 9.0
     disperse_first: DisperseFirst = False
-    resolution_m: Annotated[float, Opt("side of a map cell", "m", 0.005, 1)] = 0.05
+    resolution_m: Annotated[float, Opt("side of a map cell; 0 learns it from the log", "m", 0, 1)] = 0.0
     max_range_m: Annotated[float, Opt("usable range; 0 takes it from the messages' range_max", "m", 0, 1000)] = 0.0
     max_beams: Annotated[int, Opt("use every k-th beam so that at most so many remain", "", 1, 100_000)] = 400
     clear_no_return_m: Annotated[
         float, Opt("how far a beam without a return clears the map; 0 leaves it out", "m", 0, 1000)
     ] = 0.0
-    sigma_hit_m: Annotated[float, Opt("spread of end points across a surface", "m", 1e-3, 1)] = 0.03
+    sigma_hit_m: Annotated[float, Opt("spread of end points across a surface; 0 learns it from the log", "m", 0, 1)] = (
+        0.0
+    )
     beam_width_deg: Annotated[float, Opt("spot of a beam: blurs surfaces seen at grazing incidence", "deg", 0, 10)] = (
         0.57
     )
@@ -72,4 +74,4 @@ class Params:
     motion_yaw_per_rad: YawPerRad = 0.2
     motion_yaw_per_m_rad: YawPerM = 0.05
     motion_yaw_rad: SomeYawOfAnyStep = 0.02
-    smooth: Smooth = False
+    smooth: Smooth = True
