@@ -3,10 +3,11 @@
 import json
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfcli.events import Heading, Landmarks, LinePoints, Odometry, Pose2, Scan, Ticks, Truth, Twist
 from pfcli.formats.schemas import typestore
@@ -78,6 +79,17 @@ class MessageWriter:
         body += np.asarray(scan.ranges_m, "<f4").tobytes() + struct.pack("<I", 0)
         self.raw(topic, "sensor_msgs/msg/LaserScan", scan.stamp_ns, _HEAD + body)
 
+    def cloud(
+        self, stamp_ns: int, points_m: NDArray[np.floating], topic: str = "/points", frame: str = "laser"
+    ) -> None:
+        """Append sensor_msgs/PointCloud2 of points (rows, columns, 3), organised."""
+        kind, types = "sensor_msgs/msg/PointCloud2", typestore().types
+        rows, columns, _ = points_m.shape
+        fields = [types["sensor_msgs/msg/PointField"](name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
+        data = np.frombuffer(np.ascontiguousarray(points_m, "<f4").tobytes(), np.uint8)
+        made = types[kind](header(stamp_ns, frame), rows, columns, fields, False, 12, 12 * columns, data, False)
+        self.message(topic, kind, stamp_ns, made)
+
     def heading(self, heading: Heading, topic: str = "/compass") -> None:
         """Append pfcli.Heading."""
         self.json(topic, "pfcli.Heading", heading.stamp_ns, yaw_rad=round(heading.yaw_rad, 4))
@@ -118,19 +130,29 @@ class MessageWriter:
         """Append the stamp text of the log that the scan with this stamp came from."""
         self.raw(topic, "std_msgs/msg/String", stamp_ns, _HEAD + _string(text, 0))
 
-    def tf_static(self, stamp_ns: int, mounts: Iterable[tuple[str, str, Pose2]]) -> None:
-        """Append /tf_static with (parent, child, mount) rows."""
-        self.tf(stamp_ns, mounts, "/tf_static")
+    def tf_static(
+        self, stamp_ns: int, mounts: Iterable[tuple[str, str, Pose2]], heights_m: Mapping[str, float] | None = None
+    ) -> None:
+        """Append /tf_static with (parent, child, mount) rows; heights_m: child -> its height (0)."""
+        self.tf(stamp_ns, mounts, "/tf_static", heights_m)
 
-    def tf(self, stamp_ns: int, mounts: Iterable[tuple[str, str, Pose2]], topic: str = "/tf") -> None:
+    def tf(
+        self,
+        stamp_ns: int,
+        mounts: Iterable[tuple[str, str, Pose2]],
+        topic: str = "/tf",
+        heights_m: Mapping[str, float] | None = None,
+    ) -> None:
         """Append tf2_msgs/TFMessage with (parent, child, planar pose) rows."""
+        height = heights_m or {}
         types = typestore().types
         stamped = [
             types["geometry_msgs/msg/TransformStamped"](
                 header(stamp_ns, parent),
                 child,
                 types["geometry_msgs/msg/Transform"](
-                    types["geometry_msgs/msg/Vector3"](float(p.x_m), float(p.y_m), 0.0), quaternion(p.yaw_rad)
+                    types["geometry_msgs/msg/Vector3"](float(p.x_m), float(p.y_m), height.get(child, 0.0)),
+                    quaternion(p.yaw_rad),
                 ),
             )
             for parent, child, p in mounts

@@ -3,12 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfcli.core.jit import kernel
 
 
 class Laser(NamedTuple):
-    """A scanner: beams over `view_deg`, range (m), noise (m), mount x, y, yaw (m, rad), rate (Hz)."""
+    """A scanner: beams over `view_deg`, range (m), noise (m), mount x, y, yaw (m, rad), rate (Hz); rings_deg: elevations of its
+    planes, of one that sees in space, at height_m above the floor."""
 
     beams: int
     view_deg: float
@@ -16,6 +18,8 @@ class Laser(NamedTuple):
     noise_m: float
     mount: tuple[float, float, float]
     rate_hz: float
+    rings_deg: tuple[float, ...] = ()
+    height_m: float = 0.0
 
 
 LASERS = {
@@ -27,6 +31,9 @@ LASERS = {
     "off-centre": Laser(181, 180.0, 30.0, 0.01, (0.25, -0.15, 0.5), 5.0),
     "coarse-240": Laser(121, 240.0, 12.0, 0.01, (0.12, 0.0, 0.0), 5.0),
     "narrow": Laser(181, 90.0, 30.0, 0.01, (0.1, 0.0, 0.0), 5.0),
+    "rings-16": Laser(
+        900, 359.6, 30.0, 0.02, (0.1, 0.0, 0.0), 5.0, tuple(float(e) for e in range(-15, 16, 2)), height_m=0.6
+    ),
 }
 """Scanners by name; urg-04lx is the one of Zhang 2016, section 3.2 (240 deg, 0.36 deg, about 4 m)."""
 
@@ -66,3 +73,16 @@ def cast(x, y, angles, walls, discs, reach, out):  # type: ignore[no-untyped-def
                 if 0.0 < t < best:
                     best = t
         out[b] = best
+
+
+CEILING_M = 2.5
+
+
+def rings(flat_m: NDArray[np.float64], laser: Laser) -> NDArray[np.float64]:
+    """Ranges (rings, beams) along the beams of a scanner of many planes, of the distances (beams,) of the walls in the plane:
+    a beam meets floor or ceiling where that is nearer; beyond the scanner's range: infinite."""
+    up = np.radians(np.array(laser.rings_deg))[:, None]
+    far = np.where(flat_m >= laser.range_m, np.inf, flat_m)[None, :] / np.cos(up)
+    level = np.where(up < 0.0, -laser.height_m, CEILING_M - laser.height_m) / np.where(up == 0.0, 1e-9, np.sin(up))
+    found = np.minimum(far, level)
+    return np.where(found >= laser.range_m, np.inf, found)

@@ -14,7 +14,7 @@ from pfcli.formats import map_yaml
 from pfcli.formats.log_writer import LogWriter
 from pfcli.rng import Purpose, rng_for
 from pfcli.simulation.indoor_world import WORLDS, World, known_part, rasterize
-from pfcli.simulation.laser import LASERS, Laser, cast
+from pfcli.simulation.laser import LASERS, Laser, cast, rings
 from pfcli.simulation.robot import ROBOTS, STEP_S, WheelOdometry, drive
 
 WHEEL_RADIUS_M, TICKS_PER_TURN = 0.1, 2000
@@ -69,6 +69,7 @@ SCENARIOS = {
         Scenario("narrow-view", "office", "pioneer", "narrow"),
         Scenario("full-circle", "office", "pioneer", "ring-360"),
         Scenario("off-centre", "office", "pioneer", "off-centre"),
+        Scenario("rings", "office", "pioneer", "rings-16"),
         Scenario("slips", "office", "slips"),
         Scenario("wheel-5-percent", "office", "wheel-5-percent"),
         Scenario("people", "office", people=12),
@@ -116,6 +117,8 @@ def check(scenario: Scenario, where: object) -> None:
     for value, table in ((scenario.world, WORLDS), (scenario.robot, ROBOTS), (scenario.laser, LASERS)):
         if value not in table:
             raise UsageError(f"{where}: {value!r} is none of {', '.join(table)}")
+    if LASERS[scenario.laser].rings_deg and scenario.encoding == "json":
+        raise UsageError(f"{where}: point clouds of the laser {scenario.laser!r} need encoding ros2")
 
 
 def described(scenario: Scenario) -> str:
@@ -160,8 +163,9 @@ def play(scenario: Scenario, seed: int) -> Iterator[Reading]:
             sx, sy, syaw = _compose(true, laser.mount)
             near = np.hypot(crowd.discs[:, 0] - sx, crowd.discs[:, 1] - sy) < scenario.people_keep_m
             cast(sx, sy, offsets + syaw, standing, crowd.discs[~near], laser.range_m, ranges)
-            noisy = np.round(ranges + laser.noise_m * rng.standard_normal(laser.beams), 3)
-            seen = np.where(ranges >= laser.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
+            true_m = rings(ranges, laser) if laser.rings_deg else ranges
+            noisy = np.round(true_m + laser.noise_m * rng.standard_normal(true_m.shape), 3)
+            seen = np.where(true_m >= laser.range_m, np.inf, np.clip(noisy, 0.02, None)).astype(np.float32)
             if scenario.range_finders_deg:
                 ahead = _ahead(scenario, true, standing, crowd.discs, finders)
         stamp_ns = _EPOCH_NS + round(k * STEP_S * 1e9)
@@ -242,7 +246,7 @@ def write(scenario: Scenario, seed: int, path: Path) -> dict[str, float]:
     put = _put_json if scenario.encoding == "json" else _put_ros2
     scans, way, last, end = 0, 0.0, None, _EPOCH_NS
     with LogWriter(path, "none") as log:
-        log.tf_static(_EPOCH_NS, _mounts(scenario, laser))
+        log.tf_static(_EPOCH_NS, _mounts(scenario, laser), {"laser": laser.height_m})
         for k, reading in enumerate(play(scenario, seed)):
             put(log, reading, laser, k % every == 0)
             scans += reading.ranges_m is not None
@@ -265,11 +269,22 @@ def _put_ros2(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool
         log.odometry(Odometry(reading.stamp_ns, *reading.odometry))
         log.pose(reading.stamp_ns, reading.truth)
     if reading.ranges_m is not None:
-        low, step = _angle_grid(laser)
-        log.scan(Scan(reading.stamp_ns, reading.ranges_m, low, step, 0.02, laser.range_m, Pose2()))
+        _put_scan(log, reading.stamp_ns, reading.ranges_m, laser)
     if reading.ahead_m is not None:
         for name, r in zip(_FINDERS, reading.ahead_m, strict=True):
             log.range_finder(reading.stamp_ns, float(r), (0.02, RANGE_FINDER.range_m), name)
+
+
+def _put_scan(log: LogWriter, stamp_ns: int, ranges_m: NDArray[np.float32], laser: Laser) -> None:
+    """A scan of one plane, or the points of many."""
+    if not laser.rings_deg:
+        low, step = _angle_grid(laser)
+        log.scan(Scan(stamp_ns, ranges_m, low, step, 0.02, laser.range_m, Pose2()))
+        return
+    angle, up = _angles(laser)[None, :], np.radians(np.array(laser.rings_deg))[:, None]
+    r = np.where(np.isfinite(ranges_m), ranges_m, np.nan).astype(np.float64)
+    points = [r * np.cos(up) * np.cos(angle), r * np.cos(up) * np.sin(angle), r * np.sin(up) + 0.0 * angle]
+    log.cloud(stamp_ns, np.round(np.stack(points, axis=-1), 3))
 
 
 def _put_json(log: LogWriter, reading: Reading, laser: Laser, odometry_due: bool) -> None:

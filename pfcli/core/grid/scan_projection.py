@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from pfcli.core.jit import kernel
 
-LOW, HIGH = 0, 1
+THICK_M = 0.1
+"""Points of a bearing so near behind the nearest one are of its surface."""
 
 
 @kernel
@@ -56,35 +57,56 @@ def projected(
 
 
 @kernel
-def _slice(points, motion, band, centre, bins, near, bearing):  # type: ignore[no-untyped-def]
+def _slice(points, motion, band, centre, bins, near, place, count):  # type: ignore[no-untyped-def]
     used = 0
-    for i in range(points.shape[0]):
-        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-        if not np.isfinite(x + y + z) or x * x + y * y + z * z < 1e-12:
-            continue
-        up = motion[2, 0] * x + motion[2, 1] * y + motion[2, 2] * z + motion[2, 3]
-        if up < band[0] or up > band[1]:
-            continue
-        dx = motion[0, 0] * x + motion[0, 1] * y + motion[0, 2] * z + motion[0, 3] - centre[0]
-        dy = motion[1, 0] * x + motion[1, 1] * y + motion[1, 2] * z + motion[1, 3] - centre[1]
-        angle = np.arctan2(dy, dx)
-        k = min(bins - 1, int((angle + np.pi) / (2 * np.pi) * bins))
-        r = np.sqrt(dx * dx + dy * dy)
-        used += 1
-        if r < near[k]:
-            near[k], bearing[k] = r, angle
+    for again in range(2):
+        for i in range(points.shape[0]):
+            x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+            if not np.isfinite(x + y + z) or x * x + y * y + z * z < 1e-12:
+                continue
+            up = motion[2, 0] * x + motion[2, 1] * y + motion[2, 2] * z + motion[2, 3]
+            if up < band[0] or up > band[1]:
+                continue
+            dx = motion[0, 0] * x + motion[0, 1] * y + motion[0, 2] * z + motion[0, 3] - centre[0]
+            dy = motion[1, 0] * x + motion[1, 1] * y + motion[1, 2] * z + motion[1, 3] - centre[1]
+            k = min(bins - 1, int((np.arctan2(dy, dx) + np.pi) / (2 * np.pi) * bins))
+            r = np.sqrt(dx * dx + dy * dy)
+            if again == 0:
+                used += 1
+                near[k] = min(near[k], r)
+            elif r < near[k] + THICK_M:
+                place[k, 0] += dx
+                place[k, 1] += dy
+                count[k] += 1
     return used
 
 
 def sliced(
     points_m: NDArray[np.floating], motion: NDArray[np.float64], band_m: tuple[float, float], bins: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float64], int]:
-    """The nearest point of each of `bins` bearings, as ranges (bins,) and bearings (bins,) about the sensor's place, inf where
-    there is none; and how many points lie in the band.
+    """The nearest surface at each of `bins` bearings, as ranges (bins,) and bearings (bins,) about the sensor's place, NaN where
+    there is none (a cloud does not say where it looked in vain); and how many points lie in the band.
 
-    points_m: (n, 3) in the sensor's frame; motion: (4, 4), that frame in one whose z counts from the floor (m).
+    A surface is the mean of the points of a bearing that are within 10 cm of the nearest: the nearest alone would be too near by
+    the noise of many rings. points_m: (n, 3) in the sensor's frame; motion: (4, 4), that frame in one whose z counts from the
+    floor (m).
     """
-    near, half = np.full(bins, np.inf), np.pi / bins
+    half = np.pi / bins
     bearing = np.linspace(-np.pi + half, np.pi - half, bins)
-    used = _slice(np.ascontiguousarray(points_m), motion, np.array(band_m), motion[:2, 3].copy(), bins, near, bearing)
+    place, count = np.zeros((bins, 2)), np.zeros(bins, np.int64)
+    near = np.full(bins, np.inf)
+    points = np.ascontiguousarray(points_m)
+    used = _slice(points, motion, np.array(band_m), motion[:2, 3].copy(), bins, near, place, count)
+    hit = count > 0
+    near[~hit] = np.nan
+    place[hit] /= count[hit, None]
+    near[hit], bearing[hit] = np.sqrt((place[hit] ** 2).sum(axis=1)), _bearings(place[hit])
     return near.astype(np.float32), bearing, int(used)
+
+
+@kernel
+def _bearings(places):  # type: ignore[no-untyped-def]
+    out = np.empty(places.shape[0])
+    for k in range(out.size):
+        out[k] = np.arctan2(places[k, 1], places[k, 0])
+    return out
