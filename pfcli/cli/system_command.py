@@ -178,6 +178,9 @@ def _lines(summary: dict[str, Any], out: Path, readings: str) -> list[str]:
         f"{out}: {summary['scans']} {readings} over {summary['span_s']:.1f} s and {summary['way_m']:.1f} m,"
         f" {summary['updates']} updates in {seconds['loop']:.2f} s ({summary['ms_per_update']:.2f} ms each)"
     ]
+    if summary.get("verdict"):
+        why = "; ".join(summary["verdict"]["why"])
+        lines.append(f"verdict: {summary['verdict']['grade']}" + (f" ({why})" if why else ""))
     if summary["last_pose"] is not None:
         last = summary["last_pose"]
         where = f"x {last['x_m']:.3f} m, y {last['y_m']:.3f} m, yaw {last['yaw_rad']:.4f} rad"

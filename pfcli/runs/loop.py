@@ -27,8 +27,10 @@ from pfcli.replay.scanners import together
 from pfcli.replay.settings import Drive, Settings
 from pfcli.rng import Draw
 from pfcli.runs import warm
+from pfcli.runs.agreement import agreement
 from pfcli.runs.info_rows import InfoRows
 from pfcli.runs.progress import progress
+from pfcli.runs.verdict import Verdict, finding_of, judge
 from pfcli.systems.shared.contract import Result, System
 
 if TYPE_CHECKING:
@@ -83,7 +85,8 @@ class Job(NamedTuple):
 
 class Run(NamedTuple):
     """What a job gave: the system's result, its Info rows, errors against truth, what was lost, timings (s), where motion came
-    from, per update its stamp and how long it took (n, 2), s, and what was noticed about the log, the map and the result."""
+    from, per update its stamp and how long it took (n, 2), s, what was noticed about the log and the map, and the verdict
+    about the result."""
 
     result: Result
     infos: InfoRows
@@ -93,6 +96,7 @@ class Run(NamedTuple):
     motion: str
     updates: NDArray[np.float64]
     findings: Sequence[Finding] = ()
+    verdict: Verdict | None = None
     odometry: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None
     """Stamps (n,) ns and raw poses (n, 3) of every reading, in the odometry's own frame."""
 
@@ -146,6 +150,8 @@ def execute(job: Job) -> Run:
     errors = _errors(job, result, truth)
     finished = time.perf_counter()
     findings = without([*dropped.findings(), *judged(evidence)], job.ignore)
+    verdict = judge(agreement(result, evidence), findings)
+    findings = without([*findings, *finding_of(verdict)], job.ignore)
     seconds = {"open": opened - began, "loop": looped - opened, "finish": finished - looped}
     seconds["checks"] = time.perf_counter() - finished
     return Run(
@@ -157,6 +163,7 @@ def execute(job: Job) -> Run:
         motion=motion,
         updates=updates.array(),
         findings=findings,
+        verdict=verdict,
         odometry=(stamps.array(), odometry.array()),
     )
 

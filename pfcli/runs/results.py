@@ -137,6 +137,7 @@ def summarize(job: Job, run: Run) -> dict[str, Any]:
         "read": dict(sorted(run.dropped.read.items())),
         "lost": dict(sorted(run.dropped.counts.items())),
         "findings": as_rows(run.findings),
+        "verdict": None if run.verdict is None else run.verdict.row(),
     }
     if run.errors is not None:
         summary["truth"] = run.errors.summary()

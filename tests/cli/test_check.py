@@ -36,6 +36,12 @@ def test_check_of_a_clean_log_ends_with_0(pfcli: Cli) -> None:
     assert "no findings" in done.stdout
 
 
+def test_a_run_has_a_verdict(pfcli: Cli, tmp_path: Path) -> None:
+    done = pfcli("slam-gdr", SAMPLES / "small-loop.mcap", "--out", tmp_path / "out", "--end", "40")
+    assert "verdict: good" in done.stdout
+    assert json.loads((tmp_path / "out/run.json").read_text())["verdict"]["grade"] == "good"
+
+
 def test_an_unknown_code_is_refused(pfcli: Cli) -> None:
     done = pfcli("check", SAMPLES / "small-loop.mcap", "--ignore", "W999")
     assert done.returncode == 2

@@ -119,6 +119,8 @@ def _headline(summary: Mapping[str, Any]) -> list[list[str]]:
         ["way", f"{summary['way_m']:.1f} m"],
         ["scans", str(summary["scans"])],
     ]
+    if summary.get("verdict"):
+        rows.append(["verdict", "; ".join([summary["verdict"]["grade"], *summary["verdict"]["why"]])])
     if "truth" in summary:
         truth = summary["truth"]
         rows += [
