@@ -17,6 +17,7 @@ from pfcli.formats.roles import ROLES
 from pfcli.formats.toml_file import read_toml
 from pfcli.initial import Initial, parse
 from pfcli.params import Field, build, fields
+from pfcli.replay import cuts
 from pfcli.replay.settings import RANGES, SOURCES, STAMPS, Band, Deskew, Settings
 from pfcli.systems.shared.contract import System
 
@@ -141,6 +142,7 @@ def settings_of(given: dict[str, Any]) -> Settings:
         deskew=Deskew(given["deskew"], given["scan_duration"], given["scan_stamp"]),
         estimate_offset=estimate,
         unknown_grey=given.get("unknown_grey"),
+        cuts=cuts.parse(given["cut"]),
     )
 
 
@@ -247,6 +249,12 @@ def reading_options(command: _Command) -> _Command:
                 type=Finite(0),
                 default=None,
                 help="Stop so many seconds after the log's first stamp [s].",
+            ),
+            click.option(
+                "--cut",
+                multiple=True,
+                metavar="FROM,TO",
+                help="Leave these seconds out as if the robot had been off and carried; repeatable [s].",
             ),
             click.option(
                 "--reorder",

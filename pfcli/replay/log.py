@@ -21,7 +21,7 @@ from pfcli.formats.messages import SECOND, decoder
 from pfcli.formats.reader import Channel, Wanted
 from pfcli.formats.recording import Recording
 from pfcli.formats.roles import MANY, ROLES
-from pfcli.replay import plausible, usable_range
+from pfcli.replay import cuts, plausible, usable_range
 from pfcli.replay.frames.base_readings import BaseReadings, Setup
 from pfcli.replay.frames.log_frames import LogFrames
 from pfcli.replay.frames.robot_frames import Wanted as WantedFrames
@@ -148,10 +148,10 @@ class Log:
         waiting = Waiting(int(reading.reorder_s * SECOND), room, reading.clock, offsets)
         order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped, heard)
         self._tops = usable_range.tops(self._file, sources, self.dropped)
-        for source, buffer, offset, length, stamp_ns in order.messages(self._file.batches(_wanted(sources))):
-            event = self._decoded(source, buffer, offset, length, stamp_ns, placed)
-            if event is not None:
-                yield event
+        messages = order.messages(self._file.batches(_wanted(sources)))
+        decoded = (self._decoded(*message, placed) for message in messages)
+        events = (event for event in decoded if event is not None)
+        yield from cuts.without(events, reading.cuts, lambda: order.first_ns) if reading.cuts else events
         for note in self.frames.notes():
             self.dropped.add("quaternion", note)
         if self.frames.tree.scaled:

@@ -102,6 +102,11 @@ class Reorder:
         self._latest = _LONG_AGO
         self._first: int | None = None
 
+    @property
+    def first_ns(self) -> int:
+        """The first stamp (ns), known as soon as there is a message."""
+        return self._first or 0
+
     def messages(self, batches: Iterable[Batch]) -> Iterator[Message]:
         """The wanted messages in their order. Raises LogError where more lies at one stamp than there is room for."""
         for batch in batches:

@@ -124,7 +124,8 @@ class Settings(NamedTuple):
     """How a log is read: role -> topic, clock, window (s from the log's first stamp), offsets (s), extrinsics, the image of
     vision that gives pixels, what landmarks' ranges are (one of `RANGES`), limits, the base frame and the robot's namespace
     ('': what the log says), the heights that are walls (None: what the log tells), how scans are de-skewed, whether the offset
-    of the scans' clock is estimated, and a shade of the map that is unknown whatever its thresholds say."""
+    of the scans' clock is estimated, a shade of the map that is unknown whatever its thresholds say,
+    and windows (s) that are left out."""
 
     topics: Mapping[str, str] = {}
     clock: str = "header"
@@ -142,3 +143,4 @@ class Settings(NamedTuple):
     deskew: Deskew = Deskew()
     estimate_offset: bool = False
     unknown_grey: int | None = None
+    cuts: Sequence[tuple[float, float]] = ()

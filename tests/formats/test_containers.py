@@ -20,7 +20,7 @@ from pfcli.replay.settings import Settings
 from tests.conftest import needs
 from tests.formats import containers
 from tests.formats.containers import S, mcap, plain, ros1_bag, ros1_mcap, rosbag2
-from tests.formats.odd_logs import ODOMETRY, T0, numbers, odometry
+from tests.formats.odd_logs import ODOMETRY, T0, numbers, odometry, write
 
 Make = Callable[[Path, Path], Path]
 
@@ -295,3 +295,14 @@ def test_info_of_a_folder(pfcli: Cli, tmp_path: Path) -> None:
     found = json.loads(pfcli("info", bag, "--json").stdout)
     assert found["messages"] == 81
     assert found["systems"]["slam-gdr"] == "yes"
+    assert found["parts"] == []
+    assert "base_link > laser" in found["frames"]
+
+
+def test_info_of_parts_shows_each(pfcli: Cli, tmp_path: Path) -> None:
+    write(tmp_path / "bag_0.mcap", list(range(30)))
+    write(tmp_path / "bag_1.mcap", list(range(30, 50)))
+    done = pfcli("info", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "50 messages, 4.900 s" in done.stdout
+    assert "part bag_1.mcap: 20 messages from 2023-11-14 22:13:23 UTC on, 1.900 s" in done.stdout

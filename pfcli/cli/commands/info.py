@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pfcli import registry
 from pfcli.cli.types import Readable, max_chunk_option
+
+if TYPE_CHECKING:
+    from pfcli.formats.reader import Reader
 
 
 @click.command()
@@ -44,6 +47,7 @@ def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[st
     import numpy as np
 
     from pfcli.errors import printable
+    from pfcli.formats.canonical import Canonical
     from pfcli.formats.limits import Reading
     from pfcli.formats.recording import Recording
 
@@ -54,7 +58,7 @@ def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[st
             times.setdefault(channel, []).append(batch.log_ns[batch.channel == channel])
     topics = []
     span: list[int] = []
-    for ident, channel in file.channels.items():
+    for ident, channel in Canonical(file, max_chunk_mib).channels.items():
         stamps = np.concatenate(times.get(ident, [np.empty(0, np.int64)]))
         row: dict[str, Any] = {
             "topic": printable(channel.topic),
@@ -80,8 +84,41 @@ def _describe(path: Path, max_chunk_mib: float) -> tuple[dict[str, Any], list[st
         "topics": topics,
         "systems": _systems(topics),
         "damage": file.losses,
+        "notes": file.notes,
+        "frames": _frames(path, max_chunk_mib),
+        "parts": [_part(part) for part in file.parts] if len(file.parts) > 1 else [],
     }
     return found, file.losses
+
+
+def _frames(path: Path, max_chunk_mib: float) -> str:
+    """The transforms that the recording has, as a tree; '' where they cannot be told."""
+    from pfcli.errors import PfcliError
+    from pfcli.formats.limits import Limits
+    from pfcli.replay.log import Log
+    from pfcli.replay.settings import Settings
+
+    try:
+        found = Log(path, Settings(limits=Limits(chunk_mib=max_chunk_mib))).frames.tree.text()
+    except PfcliError:
+        return ""
+    return "" if found == "none" else found
+
+
+def _date(stamp_ns: int) -> str:
+    """A recorder's time as a date."""
+    from datetime import UTC, datetime
+
+    return datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _part(part: "Reader") -> dict[str, Any]:
+    """A part of a recording: its times and how much it holds."""
+    span = part.span()
+    found: dict[str, Any] = {"file": str(part.path), "messages": span.messages if span is not None else 0}
+    if span is not None:
+        found |= {"start_ns": span.first_ns, "span_s": round((span.last_ns - span.first_ns) * 1e-9, 3)}
+    return found
 
 
 def _systems(topics: list[dict[str, Any]]) -> dict[str, str]:
@@ -99,7 +136,15 @@ def _systems(topics: list[dict[str, Any]]) -> dict[str, str]:
 
 
 def _lines(found: dict[str, Any]) -> Iterator[str]:
-    yield f"{found['log']}: {found['messages']} messages, {found['span_s']:.3f} s, {found['bytes'] / 1e6:.1f} MB"
+    date = f", {_date(found['start_ns'])}" if found["start_ns"] else ""
+    yield f"{found['log']}: {found['messages']} messages, {found['span_s']:.3f} s, {found['bytes'] / 1e6:.1f} MB{date}"
+    for part in found["parts"]:
+        begin = f" from {_date(part['start_ns'])} on, {part['span_s']:.3f} s" if "start_ns" in part else ""
+        yield f"  part {Path(part['file']).name}: {part['messages']} messages{begin}"
+    if found["frames"]:
+        yield f"  frames: {found['frames']}"
+    for note in found["notes"]:
+        yield f"  note: {note}"
     for t in found["topics"]:
         rate = f"{t['rate_hz']:.1f} Hz, longest gap {t['longest_gap_s']:.3f} s" if "rate_hz" in t else ""
         back = f", {t['backward_steps']} backward steps" if t.get("backward_steps") else ""
