@@ -8,7 +8,7 @@ import pytest
 
 from pfcli.core.evaluation import map_quality, se2, track_error
 from pfcli.core.geometry import between, compose
-from pfcli.core.graph.pose_graph import softened
+from pfcli.core.graph.pose_graph import Relaxed, no_edges, softened
 from pfcli.core.grid import tiles
 from pfcli.core.grid.scan_odometry import Setup
 from pfcli.core.grid.scan_points import beams_of, points_of
@@ -197,6 +197,26 @@ def test_odometry_that_comes_late_is_found_out(smoothed: Any) -> None:
     assert found.offset_s == pytest.approx(0.5, abs=0.05)
     moved = se2.compose(track_error.align_se2(found.path.poses, straight)[None], found.path.poses)
     assert float(np.hypot(*(moved - straight)[:, :2].T).max()) < 0.03
+
+
+def test_closures_that_contradict_each_other_make_a_run_doubtful(smoothed: Any) -> None:
+    """Nine in ten agree: no finding; eight in ten: doubt."""
+    none = no_edges()
+    for outvoted, codes in ((3, []), (8, ["slam-gdr:W1"])):
+        weights = np.array([0.0] * outvoted + [1.0] * (40 - outvoted))
+        closures = none._replace(first=np.zeros(40, np.int64), second=np.ones(40, np.int64))
+        found = path_smoother.Smoothed(
+            path=Relaxed(np.zeros((2, 3)), np.zeros((0, 2, 3)), weights),
+            fits=np.ones(2, bool),
+            closures=closures,
+            weights=weights,
+            doubted=none,
+            loops=0,
+            offset_s=0.0,
+            calibration=None,
+        )
+        assert [f.code for f in found.dropped().findings()] == codes
+    assert not smoothed[0].findings
 
 
 def test_each_closure_is_told_and_why_it_does_not_count(smoothed: Any) -> None:

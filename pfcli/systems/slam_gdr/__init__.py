@@ -24,6 +24,10 @@ SYSTEM = System(
         ),
         one("tiles of the maps", "tiles", low=0.0),
     ),
+    codes={
+        "slam-gdr:W1": "closures contradict each other",
+        "slam-gdr:W2": "odometry and scans are of different moments",
+    },
     equations=5,
     example=Example(
         "small-loop.mcap", ("--end", "50", "--particles", "6", "--resample-threshold", "0.9", "--no-smooth")

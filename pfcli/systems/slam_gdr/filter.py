@@ -16,6 +16,7 @@ from pfcli.core.grid.scan_odometry import drawn
 from pfcli.core.grid.scan_points import Points, beams_of
 from pfcli.core.motion.odometry import information
 from pfcli.core.weights import effective_sample_size, normalize
+from pfcli.dropped import Dropped
 from pfcli.events import Sweep
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.shared.contract import Filter, Frame, Job, Result
@@ -180,6 +181,7 @@ def finish(state: State, assets: Learnt, params: Params) -> Result:
     best = int(np.argmax(state.score))
     path, covariance, grid, frames = history.path(best), history.covariance(), None, state.frames.frames()
     tables: dict[str, dict[str, Any]] = {}
+    dropped: Dropped | None = None
     summary: dict[str, Any] = {
         "updates": history.updates,
         "resamplings": state.resamplings,
@@ -195,8 +197,16 @@ def finish(state: State, assets: Learnt, params: Params) -> Result:
         path, covariance = found.path.poses, found.path.covariance()
         grid = grid_of(drawn(state.scans, path, found.fits, params.resolution_m), 0)
         summary |= found.summary()
+        dropped = found.dropped()
         tables = {"closures": found.table(history.update_stamps())}
-    return Result(history.track(path, covariance), grid or grid_of(state.maps, best), frames, summary, tables=tables)
+    return Result(
+        history.track(path, covariance),
+        grid or grid_of(state.maps, best),
+        frames,
+        summary,
+        tables=tables,
+        dropped=dropped,
+    )
 
 
 def _moved(

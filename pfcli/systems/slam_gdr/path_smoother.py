@@ -20,6 +20,8 @@ from pfcli.core.grid import scan_match, tiles
 from pfcli.core.grid.scan_odometry import Setup, drawn, ends_of
 from pfcli.core.motion.late_odometry import offset_of_odometry
 from pfcli.core.motion.odometry_calibration import Calibration, calibrate
+from pfcli.dropped import Dropped
+from pfcli.findings import Finding
 from pfcli.rng import Purpose, rng_for
 from pfcli.systems.slam_gdr.revisits import revisits
 from pfcli.systems.slam_gdr.scan_chain import Chain, chained, slips_of, way_of
@@ -31,6 +33,8 @@ _POLISH, _POLISH_SD = 2, (0.03, 0.03, 0.005)
 _DRAWS = 100
 _USED = 0.25
 """A closure counts from this weight on."""
+_ENOUGH, _OUTVOTED = 20, 0.1
+"""Of so many closures, more than this share contradict the others: the path is doubtful."""
 
 
 class Smoothed(NamedTuple):
@@ -59,6 +63,20 @@ class Smoothed(NamedTuple):
         if self.calibration is not None:
             errors = self.calibration._asdict()
             out |= {f"odometry_{k}": round(errors[k], 4) + 0.0 for k in ("way", "drift", "turn_per_m", "turn")}
+        return out
+
+    def dropped(self) -> Dropped:
+        """What of it is to be doubted."""
+        out, count = Dropped(), self.closures.first.size
+        outvoted = count - int((self.weights > _USED).sum())
+        if count >= _ENOUGH and outvoted > _OUTVOTED * count:
+            seen = f"{outvoted} of {count} closures contradict the others"
+            effect, way_out = "track and map may be wrong there", "see closures.parquet, and the map where they lie"
+            out.find(Finding("slam-gdr:W1", "doubt", "", seen, effect, way_out))
+        if self.offset_s:
+            seen = f"by the turns, odometry of the same moment is stamped {self.offset_s:+.2f} s after a scan"
+            effect, way_out = "smoothing took account of it", f"--time-offset scan={self.offset_s} for all else"
+            out.find(Finding("slam-gdr:W2", "note", "", seen, effect, way_out))
         return out
 
     def table(self, stamps_ns: NDArray[np.int64]) -> dict[str, Any]:
