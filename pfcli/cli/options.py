@@ -141,9 +141,23 @@ def settings_of(given: dict[str, Any]) -> Settings:
         band=band_of(given["slice_m"]),
         deskew=Deskew(given["deskew"], given["scan_duration"], given["scan_stamp"]),
         estimate_offset=estimate,
+        truth_lever_m=lever_of(given["truth_lever"]),
         unknown_grey=given.get("unknown_grey"),
         cuts=cuts.parse(given["cut"]),
     )
+
+
+def lever_of(text: str | None) -> tuple[float, float]:
+    """Place of `--truth-lever X,Y` (m)."""
+    if text is None:
+        return 0.0, 0.0
+    try:
+        x, y = (float(v) for v in text.split(","))
+        if not math.isfinite(x + y):
+            raise ValueError
+    except ValueError:
+        raise UsageError(f"--truth-lever {text}: expected X,Y (m), such as 0.2,-0.1") from None
+    return x, y
 
 
 def band_of(text: str | None) -> Band | None:
@@ -291,6 +305,12 @@ def reading_options(command: _Command) -> _Command:
             ),
             click.option(
                 "--robot", metavar="NAME", default="", help="Namespace of the robot, where a log holds several."
+            ),
+            click.option(
+                "--truth-lever",
+                metavar="X,Y",
+                default=None,
+                help="Where on the robot the point sits whose positions are the truth, such as an antenna [m].",
             ),
             click.option(
                 "--slice-m",

@@ -50,7 +50,7 @@ def command(name: str) -> click.Command:
         "--truth",
         default=None,
         metavar="auto|TOPIC|FILE",
-        help="Add error columns against a truth topic or a TUM file.",
+        help="Add error columns against a truth topic or a file (TUM, EuRoC, KITTI, CSV).",
     )
     @click.option(
         "--overlay", is_flag=True, help="Also write overlay.mcap: poses, particles and map, to open beside the log."
@@ -189,6 +189,6 @@ def _lines(summary: dict[str, Any], out: Path, readings: str) -> list[str]:
         t = summary["truth"]
         lines.append(
             f"against truth: ATE {t['ate_m']:.4f} m, mean {t['mean_m']:.4f} m, max {t['max_m']:.4f} m,"
-            f" heading {t['heading_rmse_deg']:.3f} deg"
+            + (" no heading" if t["heading_rmse_deg"] is None else f" heading {t['heading_rmse_deg']:.3f} deg")
         )
     return lines

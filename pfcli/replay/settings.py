@@ -142,5 +142,6 @@ class Settings(NamedTuple):
     band: Band | None = None
     deskew: Deskew = Deskew()
     estimate_offset: bool = False
+    truth_lever_m: tuple[float, float] = (0.0, 0.0)
     unknown_grey: int | None = None
     cuts: Sequence[tuple[float, float]] = ()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.evaluation import track_error
 from pfcli.errors import LogError, reason
-from pfcli.formats import tum
+from pfcli.formats import reference_track
 from pfcli.replay.log import Log
 
 _HEAD = 4096
@@ -32,9 +32,9 @@ class Rule(NamedTuple):
 
 
 def truth_of(path: Path) -> Poses:
-    """True poses of a recording with a truth topic, or of a TUM file. Raises LogError where there are none."""
+    """True poses of a recording with a truth topic, or of a file (TUM, EuRoC, KITTI, CSV). Raises LogError: there are none."""
     if _is_text(path):
-        stamps, poses = tum.read(path)
+        stamps, poses = reference_track.read(path)
         return Poses(stamps, poses, str(path))
     events: list[Any] = list(Log(path).events(["truth"]))
     if not events:
@@ -52,13 +52,17 @@ def judged(track: Poses, truth: Poses, rule: Rule) -> tuple[dict[str, Any], NDAr
     if mine.size <= rule.delta:
         raise LogError(f"--truth {truth.name}: only {mine.size} poses have a partner; see --max-gap")
     moved = track_error.align_se2(a, b) if rule.align else np.zeros(3)
-    step_t, step_r = track_error.relative_errors(a, b, rule.delta)
-    summary = track_error.errors_of(a, b, moved).summary() | {
-        "rpe_m": round(float(np.sqrt((step_t**2).mean())), 6),
-        "rpe_deg": round(float(np.degrees(np.sqrt((step_r**2).mean()))), 6),
-        "aligned": rule.align,
-    }
+    summary = track_error.errors_of(a, b, moved).summary() | _relative(a, b, rule.delta) | {"aligned": rule.align}
     return summary, moved
+
+
+def _relative(track: NDArray[np.float64], truth: NDArray[np.float64], delta: int) -> dict[str, float | None]:
+    """RPE (m, deg); None where truth has no headings: a step is seen from a pose."""
+    if not np.isfinite(truth[:, 2]).all():
+        return {"rpe_m": None, "rpe_deg": None}
+    step_t, step_r = track_error.relative_errors(track, truth, delta)
+    found = float(np.sqrt((step_t**2).mean())), float(np.degrees(np.sqrt((step_r**2).mean())))
+    return {"rpe_m": round(found[0], 6), "rpe_deg": round(found[1], 6)}
 
 
 def _is_text(path: Path) -> bool:

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from pfcli.checks.evidence import Evidence
 from pfcli.checks.stamps_stand_still import check as stand_still
 from pfcli.checks.table import judged
+from pfcli.core.geometry import compose
 from pfcli.core.rows import Rows
 from pfcli.core.threads import set_threads
 from pfcli.dropped import Dropped
 from pfcli.errors import FilterDegenerate, LogError, UsageError, printable
 from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
 from pfcli.findings import Finding, without
-from pfcli.formats import tum
+from pfcli.formats import reference_track
 from pfcli.initial import Initial
 from pfcli.registry import filter_of
 from pfcli.replay import align
@@ -233,7 +234,9 @@ def _roles(job: Job, log: Log, motion: str) -> list[str]:
         if job.truth not in ("auto", ""):
             _name_truth(log, job.truth)
         if log.choose("truth") is None:
-            raise UsageError(f"{log.path}: --truth: the log has no truth topic; name one, or a TUM file")
+            raise UsageError(
+                f"{log.path}: --truth: the log has no truth topic; name one, or a file (TUM, EuRoC, KITTI, CSV)"
+            )
         roles.append("truth")
     return roles
 
@@ -325,9 +328,11 @@ def _errors(job: Job, result: Result, truth: list[Truth]) -> "Errors | None":
     if truth:
         stamps, poses = np.array([t.stamp_ns for t in truth]), np.array([t[1:4] for t in truth])
     elif Path(job.truth).is_file():
-        stamps, poses = tum.read(Path(job.truth))
+        stamps, poses = reference_track.read(Path(job.truth))
     else:
         raise LogError(f"{job.paths[0]}: --truth: no truth message could be read")
     aligned = None if result.given_frame else align_se2
-    found = errors_against(result.track.stamps_ns, result.track.poses, stamps, poses, aligned)
+    lever = np.array([[*job.settings.truth_lever_m, 0.0]])
+    track = compose(result.track.poses, lever) if lever.any() else result.track.poses
+    found = errors_against(result.track.stamps_ns, track, stamps, poses, aligned)
     return found._replace(nees=found.normalised(result.track.columns))

@@ -26,7 +26,7 @@ _TIMES = 60
 """Points of the curve of update times."""
 
 
-_UNSAID: tuple[Any, ...] = (None, (), {}, "", False, Deskew())
+_UNSAID: tuple[Any, ...] = (None, (), {}, "", False, Deskew(), (0.0, 0.0))
 """Settings that nobody has made."""
 
 

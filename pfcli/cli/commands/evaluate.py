@@ -19,7 +19,11 @@ from pfcli.events import stamp_text
     type=click.Path(path_type=Path),
     help="Log that holds the scans' source stamps (default: track.parquet beside TRACK).",
 )
-@click.option("--truth", type=click.Path(path_type=Path), help="TUM file, or a recording with a truth topic.")
+@click.option(
+    "--truth",
+    type=click.Path(path_type=Path),
+    help="Track (TUM, EuRoC, KITTI, CSV), or a log with a truth topic.",
+)
 @click.option(
     "--map", "map_file", type=click.Path(path_type=Path), help="Map to judge (default: map.yaml beside TRACK)."
 )
@@ -112,7 +116,11 @@ def _truth(stamps: Any, poses: Any, given: dict[str, Any], found: dict[str, Any]
     found["truth"] = summary
     lines.append(
         f"ATE {summary['ate_m']:.4f} m (mean {summary['mean_m']:.4f}, max {summary['max_m']:.4f}) over {summary['poses']} poses,"
-        f" heading {summary['heading_rmse_deg']:.3f} deg, RPE {summary['rpe_m']:.4f} m {summary['rpe_deg']:.3f} deg"
+        + (
+            " no heading"
+            if summary["rpe_m"] is None
+            else f" heading {summary['heading_rmse_deg']:.3f} deg, RPE {summary['rpe_m']:.4f} m {summary['rpe_deg']:.3f} deg"
+        )
     )
     return moved
 

@@ -71,7 +71,7 @@ class Errors(NamedTuple):
             return np.asarray(np.where(det > 1e-18, (yy * x * x - 2 * xy * x * y + xx * y * y) / det, np.nan))
 
     def summary(self) -> dict[str, Any]:
-        """ATE (RMSE), mean, median and maximum; the mean NEES where it is known."""
+        """ATE (RMSE), mean, median and maximum; the heading's RMSE (None: truth has none); the mean NEES where it is known."""
         p, a = (v[np.isfinite(v)] for v in (self.position_m, self.yaw_rad))
         n = self.nees[np.isfinite(self.nees)] if self.nees is not None else np.empty(0)
         nees = {"nees_mean": round(float(n.mean()), 4)} if n.size else {}
@@ -81,7 +81,7 @@ class Errors(NamedTuple):
             "mean_m": round(float(p.mean()), 6),
             "median_m": round(float(np.median(p)), 6),
             "max_m": round(float(p.max()), 6),
-            "heading_rmse_deg": round(float(np.degrees(np.sqrt((a**2).mean()))), 6),
+            "heading_rmse_deg": round(float(np.degrees(np.sqrt((a**2).mean()))), 6) if a.size else None,
             **nees,
         }
 

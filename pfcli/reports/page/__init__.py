@@ -126,8 +126,9 @@ def _headline(summary: Mapping[str, Any]) -> list[list[str]]:
         rows += [
             ["ATE", f"{truth['ate_m']:.3f} m"],
             ["largest error", f"{truth['max_m']:.3f} m"],
-            ["heading error", f"{truth['heading_rmse_deg']:.2f} deg"],
         ]
+        if truth["heading_rmse_deg"] is not None:
+            rows.append(["heading error", f"{truth['heading_rmse_deg']:.2f} deg"])
     known = {"version", "system", "logs", "scans", "span_s", "way_m", "command", "ms_per_update"}
     rows += [
         [name.replace("_", " "), _text(value)]
