@@ -24,10 +24,11 @@ from pfcli.registry import filter_of
 from pfcli.runs import loop
 from pfcli.simulation import landmark_world as simulated
 from pfcli.systems.slam_landmarks import landmark_smoother, particle_history
+from pfcli.systems.slam_landmarks.landmark_problem import Log
 from pfcli.systems.slam_landmarks.params import Params
 
 
-def _least_squares(log: landmark_smoother.Log, track: np.ndarray, marks: np.ndarray) -> np.ndarray:
+def _least_squares(log: Log, track: np.ndarray, marks: np.ndarray) -> np.ndarray:
     """The track of plain least squares by scipy's solver: nothing of it is pfcli's but the list of measurements."""
     n, known = log.step.shape[0], track[0]
 
@@ -89,16 +90,14 @@ def bounds(name: str, seed: int) -> tuple[float, float, float]:
     return landmarks.rmse(np.array(errors)), off[0], off[1]
 
 
-def _upto(log: landmark_smoother.Log, t: int, track: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _upto(log: Log, t: int, track: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least squares on what was seen up to observation t, from the solution of an earlier one."""
     rows = list(track)
     for step in log.step[len(rows) - 1 : t]:
         rows.append(compose(rows[-1][None], step[None])[0])
     seen = log.at <= t
     used, of = np.unique(log.of[seen], return_inverse=True)
-    part = landmark_smoother.Log(
-        step=log.step[:t], step_sd=log.step_sd[:t], at=log.at[seen], of=of, z=log.z[seen], sd=log.sd[seen]
-    )
+    part = Log(step=log.step[:t], step_sd=log.step_sd[:t], at=log.at[seen], of=of, z=log.z[seen], sd=log.sd[seen])
     found = landmark_smoother.solve(part, np.array(rows), places[used])
     places = places.copy()
     places[used] = found.marks

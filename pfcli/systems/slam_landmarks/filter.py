@@ -18,9 +18,9 @@ from pfcli.events import Sighting
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.shared.contract import Filter
 from pfcli.systems.shared.resampling import ancestors_of, dispersed
-from pfcli.systems.slam_landmarks import landmark_smoother, landmark_start, particle_history, pose_correction
+from pfcli.systems.slam_landmarks import landmark_start, particle_history, pose_correction, sensor_calibration
 from pfcli.systems.slam_landmarks.landmark_result import finish
-from pfcli.systems.slam_landmarks.landmark_state import Assets, State, init, load
+from pfcli.systems.slam_landmarks.landmark_state import Assets, State, init, load, options_of
 from pfcli.systems.slam_landmarks.motion_spread import motion_spread
 from pfcli.systems.slam_landmarks.observation_kernels import IGNORED, UNKNOWN, observe
 from pfcli.systems.slam_landmarks.params import Params
@@ -120,7 +120,7 @@ def _observe(
     store = landmark_store.reserve(state.store, most)
     pose, log_w = state.pose.copy(), state.log_w.copy()
     sd = motion_spread(seen.driven_m, seen.turned_rad, params)
-    detected, moved = landmark_smoother.corrected(view.z, seen.moved, state.scales)
+    detected, moved = sensor_calibration.corrected(view.z, seen.moved, state.calibration)
     z = draw(Purpose.MOTION, stamp_ns).standard_normal(pose.shape)
     log_false = math.log(params.false_share / (2.0 * math.pi * params.landmark_range_m))
     version = 2.0 if params.proposal == "fastslam2" else 1.0
@@ -142,8 +142,8 @@ def _rejuvenate(state: State, seen: _Observation, assets: Assets, params: Params
         return state._replace(since=state.since + 1), False
     marks = landmark_store.landmarks(state.store, best)
     rng = draw(Purpose.PROPOSAL, seen.sighting.stamp_ns)
-    options = landmark_smoother.Options(assets.mapped, params.calibrate)
-    anew = particle_history.drawn_anew(state.history, best, marks, state.scales, options, n, rng)
+    options = options_of(assets, params)
+    anew = particle_history.drawn_anew(state.history, best, marks, state.calibration, options, n, rng)
     # known landmarks tell more of the pose all the time
     anchor = pose_correction.unmoved(n) if assets.mapped else pose_correction.at(anew.mean, anew.cov, anew.pose)
     state = state._replace(
@@ -152,7 +152,7 @@ def _rejuvenate(state: State, seen: _Observation, assets: Assets, params: Params
         log_w=np.full(n, -np.log(n)),
         store=state.store if anew.marks is None else landmark_store.of_particles(anew.marks, n),
         columns=np.full(n, state.columns[best]),
-        scales=anew.scales,
+        calibration=anew.calibration,
         history=anew.history,
         since=0,
     )

@@ -12,8 +12,14 @@ from pfcli.errors import LogError, printable
 from pfcli.formats import landmark_csv
 from pfcli.rng import Purpose, rng_for
 from pfcli.systems.shared.contract import Result
-from pfcli.systems.slam_landmarks import landmark_smoother, particle_history
-from pfcli.systems.slam_landmarks.landmark_state import Assets, State
+from pfcli.systems.slam_landmarks import (
+    landmark_smoother,
+    particle_history,
+    sensor_calibration,
+    whole_log_association,
+)
+from pfcli.systems.slam_landmarks.landmark_state import Assets, State, options_of
+from pfcli.systems.slam_landmarks.landmarks_given_tracks import given_tracks
 from pfcli.systems.slam_landmarks.params import Params
 from pfcli.systems.slam_landmarks.particle_history import Past
 
@@ -21,37 +27,45 @@ _DRAWS = 200
 """So many draws tell the covariance of a smoothed track."""
 _MANY, _MOVED = 10, 50.0
 """A landmark with so many detections moves if their median squared distance is this."""
+_CLOSE, _APART_M = 20.0, 0.5
+"""A rival that costs so little more, in squared standard deviations, and whose track is so far off, makes the map doubtful."""
 
 
 def finish(state: State, assets: Assets, params: Params) -> Result:
-    """Track and landmarks of the most probable particle; smoothed with `params.smooth`. Raises LogError where nothing told
-    where the robot is among known landmarks."""
+    """Track and landmarks of the most probable particle; with `params.smooth` the smoothed ones, and where no landmark has an id
+    the association is decided anew over the whole log. Raises LogError where nothing told where the robot is among known
+    landmarks."""
     if not state.history.z:
         raise LogError("no observation tells where the robot is among the known landmarks; two at once are needed")
     best = int(np.argmax(state.log_w))
     marks = landmark_store.landmarks(state.store, best)
-    past, scales = particle_history.of_particle(state.history, best, marks), state.scales
-    _doubt(past, state, assets.mapped)
+    past, calibration = particle_history.of_particle(state.history, best, marks), state.calibration
+    marks = marks[past.columns]
+    summary: dict[str, Any] = {"updates": state.track.updates}
     if params.smooth:
-        options = landmark_smoother.Options(assets.mapped, params.calibrate)
+        if not (state.names or assets.mapped):
+            past, rivals = _associated(past, state)
+            summary |= rivals
+        options = options_of(assets, params)
         rng = rng_for(0, Purpose.PROPOSAL, 0)  # the end has no seed of its own, and needs none
-        found = landmark_smoother.solve(past.log, past.track, past.places, scales, options, draws=_DRAWS, rng=rng)
-        scales = found.scales
+        found = landmark_smoother.solve(past.log, past.track, past.places, calibration, options, draws=_DRAWS, rng=rng)
+        calibration = found.calibration
         if not assets.mapped:
-            marks[past.columns] = landmark_smoother.given_tracks(found.track[None], found.marks, scales, past.log)[0]
+            past = past._replace(track=found.track, places=found.marks)
+            marks = given_tracks(found.track[None], found.marks, calibration, past.log)[0]
         off = found.draws - found.track
         off[:, :, 2] = wrap(off[:, :, 2])
         state.track.replace(found.track, np.einsum("nta,ntb->tab", off, off) / _DRAWS)
-    table = _table(past, marks[past.columns], state.names)
-    summary: dict[str, Any] = {
-        "updates": state.track.updates,
+    _doubt(past, state, assets.mapped)
+    table = _table(past, marks, state.names)
+    summary |= {
         "landmarks": int(past.columns.size),
         "resamplings": state.resamplings,
         "particles": params.particles,
         "smoothed": params.smooth,
     }
-    if params.calibrate:
-        summary |= {k: round(float(v), 4) for k, v in zip(landmark_smoother.SCALES, 1.0 + scales, strict=True)}
+    if calibration.any():
+        summary |= sensor_calibration.summary(calibration)
     text = {k: [round(float(v), 4) if k.endswith("_m") else v for v in values] for k, values in table.items()}
     return Result(
         state.track.track({}),
@@ -63,6 +77,38 @@ def finish(state: State, assets: Assets, params: Params) -> Result:
         given_frame=assets.mapped,
         dropped=state.dropped,
     )
+
+
+def _associated(past: Past, state: State) -> tuple[Past, dict[str, Any]]:
+    """The past with the most probable association of all detections, and for `run.json` what its rival costs."""
+    every = past.log._replace(
+        at=np.repeat(np.arange(len(past.taken)), [c.size for c in past.taken]),
+        of=_numbered(np.concatenate(past.taken), past.columns),
+        z=np.concatenate(state.history.z),
+        sd=np.concatenate(state.history.sd),
+    )
+    best, *rivals = whole_log_association.hypotheses(every, past.track)
+    good = best.of >= 0
+    log = every._replace(at=every.at[good], of=best.of[good], z=every.z[good], sd=every.sd[good])
+    found: dict[str, Any] = {"association_cost": round(best.cost, 1)}
+    if rivals:
+        apart = float(np.sqrt(np.square(best.track[:, :2] - rivals[0].track[:, :2]).sum(axis=1).mean()))
+        found |= {"rival_cost": round(rivals[0].cost, 1), "rival_landmarks": int(rivals[0].marks.shape[0])}
+        found |= {"rival_apart_m": round(apart, 3)}
+        if rivals[0].cost - best.cost < _CLOSE and apart > _APART_M:
+            state.dropped.add(
+                "map doubtful",
+                f"another association of the detections is as probable: its track is {apart:.2f} m off on the average, with"
+                f" {rivals[0].marks.shape[0]} landmarks in place of {best.marks.shape[0]}; ids or better odometry would tell",
+            )
+    places = np.arange(best.marks.shape[0])
+    return past._replace(log=log, track=best.track, places=best.marks, columns=places), found
+
+
+def _numbered(columns: NDArray[np.int32], alive: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Columns (d,) as numbers among those alive, NOTHING where they are not."""
+    at = np.minimum(np.searchsorted(alive, columns), alive.size - 1)
+    return np.where(alive[at] == columns, at, whole_log_association.NOTHING)
 
 
 def _ids(past: Past, names: dict[str, int]) -> list[str]:
@@ -82,7 +128,7 @@ def _table(past: Past, marks: NDArray[np.float64], names: dict[str, int]) -> dic
 def _doubt(past: Past, state: State, mapped: bool) -> None:
     """Say which landmarks do not stay where they are; and, unless they are `mapped`, where none corrects the odometry."""
     dropped: Dropped = state.dropped
-    squares = landmark_smoother.squared_errors(past.track, past.places, state.scales, past.log)
+    squares = landmark_smoother.squared_errors(past.track, past.places, state.calibration, past.log)
     for k, name in enumerate(_ids(past, state.names)):
         own = squares[past.log.of == k]
         if own.size >= _MANY and np.median(own) > _MOVED:

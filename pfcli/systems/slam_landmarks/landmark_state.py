@@ -16,7 +16,8 @@ from pfcli.rng import Draw
 from pfcli.systems.shared.contract import Job
 from pfcli.systems.shared.frame_keeper import FrameKeeper
 from pfcli.systems.shared.track_keeper import TrackKeeper
-from pfcli.systems.slam_landmarks import landmark_smoother, particle_history, pose_correction
+from pfcli.systems.slam_landmarks import particle_history, pose_correction, sensor_calibration
+from pfcli.systems.slam_landmarks.landmark_problem import ALL, Options
 from pfcli.systems.slam_landmarks.landmark_start import Seen
 from pfcli.systems.slam_landmarks.params import Params
 from pfcli.systems.slam_landmarks.particle_history import History
@@ -40,7 +41,7 @@ class State(NamedTuple):
     pose (n, 3) and log_w (n,): the particles; anchor: what takes them back to the last least squares; store: their landmarks,
     columns (n,): how many columns of it each has; names: id -> column; seen_at (columns,): the observation that saw it last, -1
     for none; odometry (1, 3) and travelled (way, turn): at the last observation; since: observations since the particles were
-    drawn anew; recent: what was seen before the start; dropped: what was left out; scales: of `landmark_smoother.corrected`;
+    drawn anew; recent: what was seen before the start; dropped: what was left out; calibration: (6,);
     history, track and frames: what the end needs.
     """
 
@@ -58,7 +59,7 @@ class State(NamedTuple):
     started: bool
     recent: tuple[Seen, ...]
     dropped: Dropped
-    scales: NDArray[np.float64]
+    calibration: NDArray[np.float64]
     history: History
     track: TrackKeeper
     frames: FrameKeeper
@@ -70,6 +71,11 @@ def load(params: Params, job: Job) -> Assets:
     if params.reject_gate > params.augment_gate:
         raise UsageError(f"--reject-gate {params.reject_gate:g} must not exceed --augment-gate {params.augment_gate:g}")
     return Assets(landmark_csv.read(Path(params.landmark_map)) if params.landmark_map else {})
+
+
+def options_of(assets: Assets, params: Params) -> Options:
+    """What the least squares do not know: among known landmarks the calibration; in SLAM much of it looks like another map."""
+    return Options(fixed=True, learnt=ALL) if assets.mapped and params.calibrate else Options(fixed=assets.mapped)
 
 
 def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
@@ -91,7 +97,7 @@ def init(params: Params, assets: Assets, first: Sighting, draw: Draw) -> State:
         started=not assets.mapped,
         recent=(),
         dropped=Dropped(),
-        scales=landmark_smoother.no_scales(),
+        calibration=sensor_calibration.none(),
         history=particle_history.empty(),
         track=TrackKeeper(),
         frames=FrameKeeper(),

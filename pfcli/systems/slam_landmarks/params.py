@@ -64,8 +64,11 @@ class Params:
     ] = 10
     smooth: Smooth = False
     calibrate: Annotated[
-        bool, Opt("learn how far the scales of ranges, ways and turns are off, whenever particles are drawn anew")
-    ] = False
+        bool,
+        Opt(
+            "among known landmarks: learn how far ranges, bearings, ways and turns are off, whenever particles are drawn anew"
+        ),
+    ] = True
     resampler: Resampler = "gdr"
     sort: Sort = "descending"
     resample_threshold: Annotated[float, Opt("resample when N_eff falls below this share of N", "", 0, 1)] = 0.75

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from pfcli.core.geometry import between, compose
 from pfcli.core.landmark_store import FIELDS
 from pfcli.systems.slam_landmarks import landmark_smoother
+from pfcli.systems.slam_landmarks.landmark_problem import Log, Options
+from pfcli.systems.slam_landmarks.landmarks_given_tracks import given_tracks
 from pfcli.systems.slam_landmarks.usable_detections import View
 
 
@@ -39,7 +41,7 @@ class Past(NamedTuple):
     """What one particle drove and saw: the problem, its track (t, 3), its landmarks (l, 2) and their columns (l,), and which
     columns it took for each observation."""
 
-    log: landmark_smoother.Log
+    log: Log
     track: NDArray[np.float64]
     places: NDArray[np.float64]
     columns: NDArray[np.int64]
@@ -100,7 +102,7 @@ def of_particle(history: History, i: int, marks: NDArray[np.float64]) -> Past:
     at = np.repeat(np.arange(count), [c.size for c in column])
     of, z, sd = np.concatenate(column), np.concatenate(history.z), np.concatenate(history.sd)
     good = np.isin(of, alive)
-    log = landmark_smoother.Log(
+    log = Log(
         step=np.array(history.step[1:]).reshape(-1, 3),
         step_sd=np.array(history.step_sd[1:]).reshape(-1, 4),
         at=at[good],
@@ -113,36 +115,36 @@ def of_particle(history: History, i: int, marks: NDArray[np.float64]) -> Past:
 
 class Anew(NamedTuple):
     """Particles drawn anew: pose (n, 3) and what it is drawn from, its mean (3,) and covariance (3, 3); landmarks (n, l, FIELDS)
-    that belong to their tracks (None where they are fixed), their history, and the scales of `smooth.Solution`."""
+    that belong to their tracks (None where they are fixed), their history, and the calibration (6,)."""
 
     pose: NDArray[np.float64]
     mean: NDArray[np.float64]
     cov: NDArray[np.float64]
     marks: NDArray[np.float64] | None
     history: History
-    scales: NDArray[np.float64]
+    calibration: NDArray[np.float64]
 
 
 def drawn_anew(
     history: History,
     best: int,
     marks: NDArray[np.float64],
-    scales: NDArray[np.float64],
-    options: landmark_smoother.Options,
+    calibration: NDArray[np.float64],
+    options: Options,
     n: int,
     rng: np.random.Generator,
 ) -> Anew:
     """n particles from the posterior of the whole track near particle `best`, whose landmarks are marks (l, FIELDS)."""
     past = of_particle(history, best, marks)
     track, places = _from_the_middle(history.middle, past)
-    found = landmark_smoother.solve(past.log, track, places, scales, options, draws=n, rng=rng)
+    found = landmark_smoother.solve(past.log, track, places, calibration, options, draws=n, rng=rng)
     column = [c[None] for c in past.taken]
     middle = Middle(found.track, past.columns, found.marks)
     fresh = history._replace(column=column, settled=found.draws, middle=middle, pose=[], parents=[])
     given = None
     if not options.fixed:
         given = np.zeros((n, int(past.columns.max(initial=-1)) + 1, FIELDS))
-        given[:, past.columns] = landmark_smoother.given_tracks(found.draws, found.marks, found.scales, past.log)
+        given[:, past.columns] = given_tracks(found.draws, found.marks, found.calibration, past.log)
         given[:, past.columns, 6] = marks[past.columns, 6]
     return Anew(
         pose=found.draws[:, -1].copy(),
@@ -150,7 +152,7 @@ def drawn_anew(
         cov=found.end_cov,
         marks=given,
         history=fresh,
-        scales=found.scales,
+        calibration=found.calibration,
     )
 
 
