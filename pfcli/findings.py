@@ -114,6 +114,7 @@ _LOSSES = {
     "landmark twice at a stamp": "W613",
     "landmark that moves": "W613",
     "landmarks seen once": "W613",
+    "map doubtful": "W613",
     "quaternion": "W202",
     "reset of the odometry": "W203",
     "odometry without a pose": "W211",
