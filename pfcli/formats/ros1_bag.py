@@ -13,7 +13,8 @@ import numpy as np
 
 from pfcli.errors import LogError, printable, reason
 from pfcli.formats.limits import AS_IT_IS, Reading
-from pfcli.formats.reader import EVERYTHING, Batch, Channel, Span, Wanted, span_of
+from pfcli.formats.reader import EVERYTHING, Batch, Channel, Span, Wanted
+from pfcli.formats.time_order import Piece, merged, piece_of
 
 MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _CHUNK, _CONNECTION, _INDEXES = b"\x02", b"\x05", b"\x07", (b"\x04", b"\x06")
@@ -38,6 +39,8 @@ class Ros1Bag:
         self.losses: list[str] = []
         self.missing = 0
         self._limit = int(reading.max_chunk_mib * 2**20)
+        self._pieces: list[Piece] = []
+        self._count = 0
         try:
             with open(path, "rb") as file:
                 self._data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
@@ -50,17 +53,37 @@ class Ros1Bag:
         return [self.path]
 
     def survey(self) -> None:
-        """Connections stand beside the messages: all is walked."""
-        for _ in self.batches():
-            pass
+        """Connections stand beside the messages: all is walked, once; what cannot be read is noted here."""
+        self._pieces = list(self._walk())
 
     def span(self) -> Span | None:
-        """By a walk."""
-        return span_of(self.batches())
+        """Of the messages that were found."""
+        if not self._pieces:
+            return None
+        first, last = min(p.first_ns for p in self._pieces), max(p.last_ns for p in self._pieces)
+        return Span(first, last, self._count)
 
     def batches(self, wanted: Wanted = EVERYTHING) -> Iterator[Batch]:
-        """Messages, a chunk at a time."""
+        """Messages in the order of the recorder's time, as the bag's index would give them."""
+        return merged([piece for piece in self._pieces if piece.holds(wanted)])
+
+    def _loose(self, rows: list[Row]) -> Piece:
+        """Messages outside of chunks."""
+        batch = self._batch(self._data, rows)
+        self._count += len(rows)
+        return piece_of(batch, lambda: batch)
+
+    def _packed(self, begin: int, fields: dict[bytes, bytes], body: memoryview) -> Iterator[Piece]:
+        """Messages of a chunk; it is decompressed again when its time comes."""
+        batch = self._chunk(begin, fields, body)
+        if batch is not None:
+            self._count += len(batch.log_ns)
+            yield piece_of(batch, lambda: self._chunk(begin, fields, body))
+
+    def _walk(self) -> Iterator[Piece]:
+        """The pieces, in the order of the file."""
         self.losses.clear()
+        self._count = 0
         rows: list[Row] = []
         last, index, cut = len(MAGIC), False, False
         try:
@@ -73,13 +96,13 @@ class Ros1Bag:
                 last, index = end, fields[b"op"] in _INDEXES
                 if fields[b"op"] == _CHUNK:
                     if rows:
-                        yield self._batch(self._data, rows)
+                        yield self._loose(rows)
                         rows = []
-                    yield from self._chunk(begin, fields, self._data[at:end])
+                    yield from self._packed(begin, fields, self._data[at:end])
                     continue
                 self._take(fields, self._data, at, end, rows)
                 if len(rows) == _MOST:
-                    yield self._batch(self._data, rows)
+                    yield self._loose(rows)
                     rows = []
         except _Damage as damage:
             if not index:
@@ -90,22 +113,26 @@ class Ros1Bag:
                 f"{self.path}: is cut off inside the record at byte {last}; the file has {len(self._data)}"
             )
         if rows:
-            yield self._batch(self._data, rows)
+            yield self._loose(rows)
 
-    def _chunk(self, begin: int, fields: dict[bytes, bytes], body: memoryview) -> Iterator[Batch]:
+    def _chunk(self, begin: int, fields: dict[bytes, bytes], body: memoryview) -> Batch | None:
         try:
             data = self._decompressed(fields, body)
         except (OSError, ValueError, RuntimeError, EOFError, KeyError, struct.error) as error:
-            self.losses.append(f"{self.path}: chunk at byte {begin} cannot be decompressed ({reason(error)})")
-            return
+            self._lose(f"{self.path}: chunk at byte {begin} cannot be decompressed ({reason(error)})")
+            return None
         rows: list[Row] = []
         try:
             for _, inner, at, end in _records(data, 0):
                 self._take(inner, data, at, end, rows)
         except _Damage:
-            self.losses.append(f"{self.path}: chunk at byte {begin} holds bytes that are no record")
-        if rows:
-            yield self._batch(data, rows)
+            self._lose(f"{self.path}: chunk at byte {begin} holds bytes that are no record")
+        return self._batch(data, rows) if rows else None
+
+    def _lose(self, note: str) -> None:
+        """Note what cannot be read, once: chunks are opened again."""
+        if note not in self.losses:
+            self.losses.append(note)
 
     def _decompressed(self, fields: dict[bytes, bytes], body: memoryview) -> memoryview:
         kind, (size,) = fields[b"compression"], _U32.unpack(fields[b"size"])

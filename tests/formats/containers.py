@@ -93,17 +93,27 @@ def ros1_payload(name: str, payload: bytes) -> bytes:
     return bytes(HUMBLE.cdr_to_ros1(payload, name))
 
 
-def ros1_bag(path: Path, source: Path, transforms: str = "tf2_msgs/msg/TFMessage", compression: str = "") -> Path:
+def ros1_bag(
+    path: Path,
+    source: Path,
+    transforms: str = "tf2_msgs/msg/TFMessage",
+    compression: str = "",
+    by_topic: bool = False,
+    chunk: int = 1 << 20,
+) -> Path:
     """The messages as a ROS 1 bag."""
     from rosbags.rosbag1 import Writer as Bag
 
     path.unlink(missing_ok=True)
     store, bag = ros1_store(), Bag(path)
+    bag.chunk_threshold = chunk
     if compression:
         bag.set_compression(Bag.CompressionFormat[compression])
     with bag:
         made = dict[str, Any]()
-        for topic, name, stamp, payload in messages(source):
+        for topic, name, stamp, payload in (
+            sorted(messages(source), key=lambda m: m[0]) if by_topic else messages(source)
+        ):
             shown = transforms if name.endswith("TFMessage") else name
             if topic not in made:
                 made[topic] = bag.add_connection(topic, shown, typestore=store)

@@ -171,6 +171,16 @@ def test_a_cut_or_damaged_bag_gives_what_it_holds(compression: str, tmp_path: Pa
     assert log.dropped.counts["damaged place"] == 1
 
 
+@pytest.mark.parametrize("chunk", [400, 20_000, 1 << 20])
+def test_a_bag_is_read_in_the_order_of_its_times(chunk: int, tmp_path: Path) -> None:
+    """All odometry was written first, then all scans: only the index, or sorting, brings them together."""
+    source = plain(tmp_path / "source.mcap", 100)
+    path = ros1_bag(tmp_path / "x.bag", source, by_topic=True, chunk=chunk)
+    found, log = _events(path)
+    assert not log.dropped, log.dropped.notes
+    assert [(type(e), e.stamp_ns) for e in found] == [(type(e), e.stamp_ns) for e in _events(source)[0]]
+
+
 def test_several_robots_of_one_folder_ask_which(tmp_path: Path) -> None:
     for name in ("Robot1_Measurement.dat", "Robot3_Measurement.dat"):
         (tmp_path / name).write_text("")
