@@ -31,9 +31,9 @@ class OdometryResets:
         self._dropped = dropped
         self._last: Odometry | None = None
         self._shift: np.ndarray | None = None
-        self._fastest, self._steps = [0.0, 0.0], 0
+        self._usual, self._usual_rate, self._steps = 0.0, 0.0, 0
+        self._step: tuple[Odometry, Odometry] | None = None
         self._moved, self._by_twist = False, [0.0, 0.0]
-        self._speed = np.zeros(3)
 
     def __call__(self, event: Odometry) -> Odometry | None:
         """The event without what was bridged before it. Raises LogError where its pose never changes while it drives."""
@@ -45,20 +45,21 @@ class OdometryResets:
         if last is None:
             return event
         seconds = (event.stamp_ns - last.stamp_ns) / _SECOND
-        self._check_stuck(last, event, seconds)
-        raw = np.array([last[1:4], event[1:4]], np.float64)
-        step = between(raw[:1], raw[1:])[0]
-        way, turn = math.hypot(step[0], step[1]), abs(float(step[2]))
-        if self._is_jump(event, way, turn, max(seconds, _SHORTEST_S)):
-            self._bridge(event, raw, seconds, way, turn)
+        if not self._moved:
+            self._check_stuck(last, event, seconds)
+        way = math.hypot(event.x_m - last.x_m, event.y_m - last.y_m)
+        turn = abs(math.remainder(event.yaw_rad - last.yaw_rad, 2 * math.pi))
+        span = seconds if seconds > _SHORTEST_S else _SHORTEST_S
+        if (way > _SUDDEN[0] or turn > _SUDDEN[2]) and self._is_jump(event, way, turn, span):
+            self._bridge(last, event, seconds, way, turn)
         else:
             self._steps += 1
-            span = max(seconds, _SHORTEST_S)
-            self._fastest = [max(self._fastest[0], way / span), max(self._fastest[1], turn / span)]
-            self._speed = step / seconds if seconds > 0.0 else self._speed
+            self._usual = max(self._usual, way / span)
+            self._usual_rate = max(self._usual_rate, turn / span)
+            self._step = (last, event)
         if self._shift is None:
             return event
-        x, y, yaw = compose(self._shift, raw[1:])[0].tolist()
+        x, y, yaw = compose(self._shift, np.array([event[1:4]], np.float64))[0].tolist()
         return event._replace(x_m=x, y_m=y, yaw_rad=yaw)
 
     def _is_jump(self, event: Odometry, way_m: float, turn_rad: float, seconds: float) -> bool:
@@ -68,7 +69,7 @@ class OdometryResets:
         if self._steps < _AFTER:
             return False
         far, speed, round_, rate = _SUDDEN
-        usual, usual_rate = self._fastest
+        usual, usual_rate = self._usual, self._usual_rate
         if way_m > far and fast > max(speed, _FASTER * usual):
             return True
         if turn_rad > round_ and quick > max(rate, _FASTER * usual_rate):
@@ -80,21 +81,28 @@ class OdometryResets:
         )
         return home and sudden
 
-    def _bridge(self, event: Odometry, raw: np.ndarray, seconds: float, way_m: float, turn_rad: float) -> None:
+    def _bridge(self, last: Odometry, event: Odometry, seconds: float, way_m: float, turn_rad: float) -> None:
         self._dropped.add(
             "reset of the odometry",
             f"the odometry jumps by {way_m:.2f} m and {math.degrees(turn_rad):.0f} deg within {seconds:.2f} s at"
             f" {event.stamp_ns / _SECOND:.2f}, which no step of this robot is; the step is left out (odometry that was reset,"
             " or a pose that was set)",
         )
+        raw = np.array([last[1:4], event[1:4]], np.float64)
         before = raw[:1] if self._shift is None else compose(self._shift, raw[:1])
-        went = self._speed * min(seconds, 1.0)
-        reached = compose(before, went[None])
+        reached = compose(before, self._speed()[None] * min(seconds, 1.0))
         self._shift = compose(reached, between(raw[1:], np.zeros((1, 3))))
 
+    def _speed(self) -> np.ndarray:
+        """Of the last step that was one (3,), in its own frame (m/s, m/s, rad/s)."""
+        if self._step is None:
+            return np.zeros(3)
+        a, b = self._step
+        seconds = (b.stamp_ns - a.stamp_ns) / _SECOND
+        step = between(np.array([a[1:4]], np.float64), np.array([b[1:4]], np.float64))[0]
+        return np.asarray(step / seconds) if seconds > 0.0 else np.zeros(3)
+
     def _check_stuck(self, last: Odometry, event: Odometry, seconds: float) -> None:
-        if self._moved:
-            return
         self._moved = last[1:4] != event[1:4]
         speeds = (math.hypot(event.vx_mps, event.vy_mps), abs(event.yaw_rate_radps))
         for k, speed in enumerate(speeds):
