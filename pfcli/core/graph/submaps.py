@@ -41,13 +41,15 @@ class Submap(NamedTuple):
 
 
 def cut(way: Way) -> list[Submap]:
-    """A submap for each `SPACING_M` of way."""
-    out = []
+    """A submap for each `SPACING_M` of way; where no scan lies between two, they are one."""
+    out: list[Submap] = []
     for at in np.arange(SPACING_M / 2, way.along[-1], SPACING_M):
         members = np.flatnonzero((np.abs(way.along - at) <= HALF_M) & way.fits)
         if members.size == 0:
             continue
         middle = int(members[np.argmin(np.abs(way.along[members] - at))])
+        if out and out[-1].middle == middle:
+            continue
         chosen = members[np.unique(np.linspace(0, members.size - 1, _SCANS).astype(np.int64))]
         out.append(Submap(middle, members, _thinned(_points(way, middle, chosen))))
     return out

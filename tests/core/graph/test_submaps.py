@@ -4,7 +4,20 @@ import numpy as np
 
 from pfcli.core.geometry import between, compose
 from pfcli.core.graph.pose_graph import Edges
-from pfcli.core.graph.submaps import Submap, Way, chained
+from pfcli.core.graph.submaps import Submap, Way, chained, cut
+from pfcli.core.grid.tiles import Beams
+
+
+def test_scans_far_apart_make_one_submap_each() -> None:
+    """Steps of 2.6 m, as outdoors at one scan a second and more, and a gap of 9 m: no submap twice."""
+    along = np.array([0.0, 2.6, 5.2, 14.2, 16.8, 19.4])
+    scan = Beams(np.zeros(2), np.array([[3.0, 0.0], [3.0, 1.0]]), np.ones(2, np.uint8), np.zeros(2))
+    poses = np.stack([along, np.zeros(6), np.zeros(6)], axis=1)
+    way = Way([scan] * 6, poses, along, np.ones(6, bool))
+    middles = [s.middle for s in cut(way)]
+    assert middles == sorted(set(middles)) == [0, 1, 2, 3, 4, 5]
+    steps = Edges(np.arange(5), np.arange(1, 6), between(poses[:-1], poses[1:]), np.tile(np.eye(3) * 1e4, (5, 1, 1)))
+    assert np.isfinite(chained(way, steps, cut(way)).information).all()
 
 
 def test_an_error_of_a_step_swings_all_that_follows() -> None:
