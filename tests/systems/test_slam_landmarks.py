@@ -23,11 +23,13 @@ from pfcli.simulation import landmark_world as simulated
 from pfcli.systems.slam_landmarks import (
     landmark_merging,
     landmark_smoother,
+    landmark_start,
     sensor_calibration,
     whole_log_association,
 )
 from pfcli.systems.slam_landmarks.landmark_problem import ALL, Log, Options, pattern_of, rows_of
 from pfcli.systems.slam_landmarks.motion_spread import motion_spread
+from pfcli.systems.slam_landmarks.observation_kernels import UNKNOWN
 from pfcli.systems.slam_landmarks.params import Params
 
 SLAM = system("slam-gdr-landmarks")
@@ -348,6 +350,25 @@ def test_the_lectures_world_is_read_as_odometry_and_detections(tmp_path: Path) -
     last = [e for e in found.events if isinstance(e, landmark_logs.Odometry)][-1]
     assert (last.x_m, last.y_m) == pytest.approx((1.0, 1.0), abs=1e-6)
     assert last.yaw_rad == pytest.approx(math.pi / 2, abs=1e-6)
+
+
+def test_a_start_that_fits_two_places_waits() -> None:
+    """Three landmarks that stand twice in the map, and with a fourth one beside one of them."""
+    one = np.array([[0.0, 0.0], [2.0, 0.5], [1.0, 3.0]])
+    shapes = np.concatenate([one, one + np.array([20.0, 5.0])])
+    known = {str(k): (float(x), float(y)) for k, (x, y) in enumerate(shapes)}
+    robot = np.array([1.0, -2.0])
+
+    def start(points: np.ndarray, places: dict[str, tuple[float, float]]) -> np.ndarray | None:
+        unknown = np.full(len(points), UNKNOWN, np.int32)
+        seen = landmark_start.Seen(np.zeros((1, 3)), points - robot, np.full(len(points), 0.05), unknown)
+        return landmark_start.placed((seen,), places, Params(false_share=0.02), np.random.default_rng(0))
+
+    assert start(one, known) is None
+    found = start(np.concatenate([one, [[-1.0, 1.0]]]), known | {"own": (-1.0, 1.0)})
+    assert found is not None
+    # the spread of a mean of four points of 0.05 m each
+    assert np.allclose(found[:, :2].mean(axis=0), robot, atol=0.15)
 
 
 def _joint(sd_each: float, sd_common: float) -> np.ndarray:

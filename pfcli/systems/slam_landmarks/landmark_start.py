@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfcli.core.geometry import between, compose
+from pfcli.core import estimate
+from pfcli.core.geometry import between, compose, wrap
 from pfcli.core.sensor import known_landmarks as detected
 from pfcli.systems.slam_landmarks.observation_kernels import UNKNOWN
 from pfcli.systems.slam_landmarks.params import Params
@@ -23,6 +24,9 @@ class Seen(NamedTuple):
 
 RECENT, _SURE_M, _SURE_RAD = 40, 0.5, 0.2
 """A start among known landmarks comes from the last so many observations, when they tell it as well as this."""
+_PLACES, _APART_M, _APART_RAD, _RIVAL = 24, 0.5, 0.5, 6.0
+"""So many places are looked at closely; while another one, so far from the best, is less probable by only so many nats, the start
+waits: a better place is found by what is seen next."""
 
 
 def placed(
@@ -30,9 +34,9 @@ def placed(
 ) -> NDArray[np.float64] | None:
     """Particles (n, 3) where what was seen lately wants them; None where it does not tell."""
     places, now = np.array(list(known.values())), recent[-1].odometry
-    if (now_column := recent[-1].column)[0] == UNKNOWN:
+    if recent[-1].column[0] == UNKNOWN:
         recent = recent[-1:]
-        if now_column.size < 3:
+        if recent[-1].column.size < 3:
             return None
     points, sigma = [], []
     for then in recent:
@@ -48,7 +52,15 @@ def placed(
     if trial.shape[0] == 0:
         return None
     fit = detected.evidence(trial, found, 1.0 - params.false_share, 1e4)
-    mean, hessian = detected.refine(trial[[int(np.argmax(fit))]], found)
+    tried = trial[estimate.distinct(trial, np.argsort(-fit, kind="stable"), _PLACES, _APART_M, _APART_RAD)]
+    mean, hessian = detected.refine(tried, found)
+    refined = detected.evidence(mean, found, 1.0 - params.false_share, 1e4)
+    order = np.argsort(-refined, kind="stable")
+    mean, hessian, refined = mean[order], hessian[order], refined[order]
+    off = mean - mean[0]
+    elsewhere = (np.hypot(off[:, 0], off[:, 1]) > _APART_M) | (np.abs(wrap(off[:, 2])) > _APART_RAD)
+    if (refined[elsewhere] > refined[0] - _RIVAL).any():
+        return None
     cov = np.linalg.inv(hessian[0])
     if cov[0, 0] + cov[1, 1] > _SURE_M**2 or cov[2, 2] > _SURE_RAD**2:
         return None
