@@ -20,6 +20,8 @@ from pfcli.formats.roles import RANK
 
 _LEAP_NS = SECOND
 """A stamp further ahead than this and than the horizon, behind which one of the next messages goes back, is no time."""
+_BEYOND = 2
+"""After so many batches behind the end of the window the rest of the log is not read."""
 _WITNESSES = 5
 """A leap is believed that so many messages follow."""
 _PAUSE_NS = 3600 * SECOND
@@ -109,12 +111,22 @@ class Reorder:
 
     def messages(self, batches: Iterable[Batch]) -> Iterator[Message]:
         """The wanted messages in their order. Raises LogError where more lies at one stamp than there is room for."""
+        beyond = 0
         for batch in batches:
             self._take(batch)
             yield from self._release(self._latest - self._waiting.horizon_ns)
+            beyond = beyond + 1 if self._is_over() else 0
+            if beyond == _BEYOND:
+                return
         # nothing follows that could speak against the last messages: a cut log ends with them, however far it came
         self._rows = np.concatenate([self._rows, self._in_time(self._undecided, last=True)])
         yield from self._release(_NEVER)
+
+    def _is_over(self) -> bool:
+        """Whether whatever comes now, and comes in time, lies behind the end of the window."""
+        if self._end_s is None or self._first is None:
+            return False
+        return self._latest - self._waiting.horizon_ns > self._first + int(self._end_s * SECOND)
 
     def _take(self, batch: Batch) -> None:
         """Stamp the wanted messages of a batch and put them into the buffer."""

@@ -69,3 +69,20 @@ def test_flags_that_are_no_window_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match="--cut"):
         cuts.parse((text,))
     assert cuts.parse(("7,8", "1,2.5")) == ((1.0, 2.5), (7.0, 8.0))
+
+
+def test_what_lies_behind_the_end_is_not_read(tmp_path: Path) -> None:
+    write(tmp_path / "x.mcap", list(range(3000)), chunk_size=20_000)
+    log = Log(tmp_path / "x.mcap", Settings(end_s=5.0))
+    read = 0
+
+    def counted(batches):  # type: ignore[no-untyped-def]
+        nonlocal read
+        for batch in batches:
+            read += len(batch.log_ns)
+            yield batch
+
+    inner = log._file.batches
+    log._file.batches = lambda *a: counted(inner(*a))  # type: ignore[method-assign]
+    assert len(list(log.events(["odometry"]))) == 51
+    assert read < 400
