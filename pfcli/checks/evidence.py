@@ -66,11 +66,12 @@ class Evidence:
     """Heard on the way of a replay (`stamps`, `event`, `moved`), looked at by checks afterwards.
 
     path: of the log, for messages; pairs: how many pairs of scans are matched at the most; map_file: YAML of the map of the
-    run, if any. Stamps in rows are seconds since `start_ns`, so that doubles tell nanoseconds apart.
+    run, if any; source: where its motion comes from. Stamps in rows are seconds since `start_ns`, so that doubles tell
+    nanoseconds apart.
     """
 
-    def __init__(self, path: Path, pairs: int = 64, map_file: Path | None = None) -> None:
-        self.path, self.map_file = path, map_file
+    def __init__(self, path: Path, pairs: int = 64, map_file: Path | None = None, source: str = "odometry") -> None:
+        self.path, self.map_file, self.source = path, map_file, source
         self.start_ns: int | None = None
         self.wheels: list[Wheels] = []
         self.lines: list[LinePoints] = []

@@ -12,7 +12,7 @@ _FEWEST = 3
 def check(evidence: Evidence) -> Finding | None:
     """The pose does not change over seconds in which the twist says that the robot drives or turns."""
     rows = evidence.odometry
-    if len(rows) < 20:
+    if len(rows) < 20 or evidence.source != "odometry":
         return None
     step = np.diff(rows[:, 0])
     way = np.concatenate(

@@ -12,7 +12,7 @@ _TIMES = 8.0
 def check(evidence: Evidence) -> Finding | None:
     """A step of the odometry is much longer than its usual speed allows: it was reset, or a message is wrong."""
     rows = evidence.odometry
-    if len(rows) < 20:
+    if len(rows) < 20 or evidence.source != "odometry":
         return None
     step_s = np.maximum(np.diff(rows[:, 0]), 1e-3)
     way = np.hypot(*np.diff(rows[:, 1:3], axis=0).T)

@@ -121,7 +121,7 @@ def execute(job: Job) -> Run:
     updates, stamps, odometry = Rows((2,)), Rows((), np.int64), Rows((3,))
     opened = time.perf_counter()
     gc.freeze()  # what is loaded by now stays; looking through it again and again costs a tenth of the loop
-    evidence = Evidence(log.path, map_file=job.map if job.unknown_grey < 0 else None)
+    evidence = Evidence(log.path, map_file=job.map if job.unknown_grey < 0 else None, source=motion)
     sweeps = _sweeps(job, log, _without_truth(_replay(log, roles, dropped, evidence), truth), motion, dropped)
     for sweep in progress(sweeps, job.progress, job.system.name):
         if state is None:
