@@ -130,8 +130,8 @@ def execute(job: Job) -> Run:
         start = time.perf_counter()
         try:
             state, info = filter_.step(state, sweep, assets, job.params, draw)
-        except FilterDegenerate as error:
-            raise FilterDegenerate("; ".join([f"{log.path}: {error}", *_doubts(evidence)])) from None
+        except (FilterDegenerate, np.linalg.LinAlgError) as error:
+            raise _broken(log, error, evidence) from None
         scans += 1
         stamps.append(sweep.stamp_ns)
         odometry.append(sweep.odometry)
@@ -145,7 +145,10 @@ def execute(job: Job) -> Run:
     if not infos:
         why = _nothing_ran(scans, dropped, job.system)
         raise LogError("; ".join([f"{job.paths[0]}: {why}", *_doubts(evidence)]))
-    result = filter_.finish(state, assets, job.params)
+    try:
+        result = filter_.finish(state, assets, job.params)
+    except (FilterDegenerate, np.linalg.LinAlgError) as error:
+        raise _broken(log, error, evidence) from None
     if result.dropped is not None:
         dropped.take(result.dropped)
     errors = _errors(job, result, truth)
@@ -305,6 +308,12 @@ def _with_data(
             dropped.read["gaps of more than a minute"] += 1
         beams, last = count, sweep.stamp_ns
         yield sweep
+
+
+def _broken(log: Log, error: Exception, evidence: Evidence) -> FilterDegenerate:
+    """A filter that could not go on: what it says, and what the checks doubt."""
+    what = f"no result can be worked out ({error})" if isinstance(error, np.linalg.LinAlgError) else str(error)
+    return FilterDegenerate("; ".join([f"{log.path}: {what}", *_doubts(evidence)]))
 
 
 def _doubts(evidence: Evidence) -> list[str]:
