@@ -21,7 +21,7 @@ from pfcli.formats.messages import SECOND, decoder
 from pfcli.formats.reader import Channel, Wanted
 from pfcli.formats.recording import Recording
 from pfcli.formats.roles import MANY, ROLES
-from pfcli.replay import cuts, plausible, usable_range
+from pfcli.replay import cuts, plausible, stated_ranges
 from pfcli.replay.frames.base_readings import BaseReadings, Setup
 from pfcli.replay.frames.log_frames import LogFrames
 from pfcli.replay.frames.robot_frames import Wanted as WantedFrames
@@ -147,7 +147,7 @@ class Log:
         room = int(reading.limits.buffer_mib * 2**20)
         waiting = Waiting(int(reading.reorder_s * SECOND), room, reading.clock, offsets)
         order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped, heard)
-        self._tops = usable_range.tops(self._file, sources, self.dropped)
+        self._tops = stated_ranges.tops(self._file, sources, self.dropped)
         messages = order.messages(self._file.batches(_wanted(sources)))
         decoded = (self._decoded(*message, placed) for message in messages)
         events = (event for event in decoded if event is not None)
