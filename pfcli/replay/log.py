@@ -26,7 +26,7 @@ from pfcli.replay.frames.base_readings import BaseReadings, Setup
 from pfcli.replay.frames.log_frames import LogFrames
 from pfcli.replay.frames.robot_frames import Wanted as WantedFrames
 from pfcli.replay.frames.transform_source import pair_of
-from pfcli.replay.reorder import Heard, Reorder, Source, Waiting
+from pfcli.replay.reorder import Heard, Message, Reorder, Source, Waiting
 from pfcli.replay.settings import Settings
 
 SOURCE_STAMP_TOPIC = "/source_stamp"
@@ -149,8 +149,7 @@ class Log:
         order = Reorder(self.path, sources, waiting, (reading.start_s, reading.end_s), self.dropped, heard)
         self._tops = stated_ranges.tops(self._file, sources, self.dropped)
         messages = order.messages(self._file.batches(_wanted(sources)))
-        decoded = (self._decoded(*message, placed) for message in messages)
-        events = (event for event in decoded if event is not None)
+        events = self._read(messages, placed)
         yield from cuts.without(events, reading.cuts, lambda: order.first_ns) if reading.cuts else events
         for note in self.frames.notes():
             self.dropped.add("quaternion", note)
@@ -161,6 +160,13 @@ class Log:
         self.dropped.notes += self._notes
         if self._file.missing:
             self.dropped.counts["missing message"] += self._file.missing
+
+    def _read(self, messages: Iterator[Message], placed: BaseReadings) -> Iterator[Event]:
+        """The events of messages that can be read."""
+        for source, buffer, offset, length, stamp_ns in messages:
+            event = self._decoded(source, buffer, offset, length, stamp_ns, placed)
+            if event is not None:
+                yield event
 
     def clock_lag_s(self, role: str, other: str) -> float:
         """Seconds to add to the stamps of a role so that both roles are stamped as long before they were recorded; 0 where that
