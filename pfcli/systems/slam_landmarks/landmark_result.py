@@ -87,7 +87,10 @@ def _associated(past: Past, state: State) -> tuple[Past, dict[str, Any]]:
         z=np.concatenate(state.history.z),
         sd=np.concatenate(state.history.sd),
     )
-    best, *rivals = whole_log_association.hypotheses(every, past.track)
+    hypotheses = whole_log_association.hypotheses(every, past.track)
+    if not hypotheses:
+        return past, {}
+    best, *rivals = hypotheses
     good = best.of >= 0
     log = every._replace(at=every.at[good], of=best.of[good], z=every.z[good], sd=every.sd[good])
     found: dict[str, Any] = {"association_cost": round(best.cost, 1)}

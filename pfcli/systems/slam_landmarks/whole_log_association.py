@@ -26,7 +26,7 @@ _COARSE_M, _FINE_M = 0.4, ((0.1, 0.3), (0.05, 0.2), (0.03, 0.2))
 _WORSE = (2.0, 1.0)
 """The odometry's spread in each hypothesis, in units of what it is said to be."""
 _MOST = 300
-"""With more short tracks than this the filter's own association is the only start: merging costs the cube of their number."""
+"""A log of more short tracks than this keeps the filter's association: merging costs the cube of their number."""
 _LOST_RAD, _TRACKED = 0.1, 9.0
 """A short track ends when the heading since its last detection is no better known; squared distance of its detections."""
 _NONE = 25.0
@@ -49,14 +49,14 @@ class Associated(NamedTuple):
 
 
 def hypotheses(log: Log, track: NDArray[np.float64]) -> list[Associated]:
-    """Associations of all detections of the log, the most probable one first. of (d,) in the log and track (t, 3): those of the
-    filter, a hypothesis of their own."""
-    nothing_off = sensor_calibration.none()
+    """Associations of all detections of the log, the most probable one first; none for a log that is too long. of (d,) in the log
+    and track (t, 3): those of the filter, a hypothesis of their own."""
+    reckoned, nothing_off = _reckoned(log, track[0]), sensor_calibration.none()
+    if int(_tracked(log, reckoned, _COARSE_M).max()) >= _MOST:
+        return []
     cost = _area_cost(log, _points(log, track, nothing_off))
     found = [_standing(log, track, nothing_off, log.of.copy(), cost)]
-    reckoned = _reckoned(log, track[0])
-    if int(_tracked(log, reckoned, _COARSE_M).max()) < _MOST:
-        found += [_associated(log, reckoned, worse, cost) for worse in _WORSE]
+    found += [_associated(log, reckoned, worse, cost) for worse in _WORSE]
     return sorted(found, key=lambda one: one.cost)
 
 
@@ -197,7 +197,7 @@ def _standing(
     log: Log, track: NDArray[np.float64], calibration: NDArray[np.float64], of: NDArray[np.int64], area_cost: float
 ) -> Associated:
     """Images associated with the smoothed map until they stay with it."""
-    pairs, merges = _apart(log, 0.0), int(of.max()) < _MOST
+    pairs = _apart(log, 0.0)
     for last in range(_ROUNDS):
         good = of >= 0
         if not good.any():
@@ -205,13 +205,12 @@ def _standing(
         of[good] = np.unique(of[good], return_inverse=True)[1]
         used = log._replace(at=log.at[good], of=of[good], z=log.z[good], sd=log.sd[good])
         marks = _middles(used, track, calibration)
-        found = landmark_smoother.solve(used, track, marks, calibration, _TURNS, spread_of_marks=merges)
+        found = landmark_smoother.solve(used, track, marks, calibration, _TURNS, spread_of_marks=True)
         track, calibration = found.track, found.calibration
-        if merges:
-            label = same(Landmarks(found.marks, found.marks_cov, _together(of, pairs)))
-            if int(label.max()) + 1 < label.size:
-                of[good] = label[of[good]]
-                continue
+        label = same(Landmarks(found.marks, found.marks_cov, _together(of, pairs)))
+        if int(label.max()) + 1 < label.size:
+            of[good] = label[of[good]]
+            continue
         alive = _alive(log, found.track, found.marks, np.bincount(used.of))
         fresh = _born(log, found, _joint(log, found, alive))
         if (fresh == of).all() or last == _ROUNDS - 1:
