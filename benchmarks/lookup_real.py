@@ -2,7 +2,7 @@
 
 python benchmarks/lookup_real.py [seeds]
 
-Converged: the first update of which `certain_since_s` speaks (80 % of the mass in one hypothesis of 0.3 m). LEGO's
+Converged: the first update of which `first_certain_s` speaks (80 % of the mass in one hypothesis of 0.3 m). LEGO's
 reference is an external camera's position of the laser; the map is laid over it once, by the track that made the map.
 Its scanner's metre is not the camera's: with the camera's positions, scans overlap best when ranges are taken times 1.12
 (smallest entropy of the end points, steps of 0.03), and so do the wheels by 1.07.
@@ -97,7 +97,7 @@ def report(name: str, seed: int, done: loop.Run, slam: loop.Run, ahead: float) -
         mine = compose(track_error.align_se2(track[seen], there[seen])[None], mine)
     else:
         there, seen = track, np.ones(stamps.size, bool)
-    since = done.result.summary["certain_since_s"]
+    since = done.result.summary["first_certain_s"]
     after = seen & (stamps >= stamps[0] + (since if since is not None else np.inf) * 1e9)
     error = np.hypot(*(mine - there)[after, :2].T)
     told = f"{error.mean():.4f}, {error.max():.3f}" if error.size else "never"

@@ -36,6 +36,8 @@ SCENARIOS = {
     "partial-30": "unknown",
     "partial-70": "unknown",
     "partial-90": "unknown",
+    "partial-furnished": "unknown",
+    "partial-furnished-stay": "unknown",
 }
 """Scenario -> what the robot is told of its start."""
 

@@ -331,6 +331,7 @@ WORLDS: dict[str, Callable[[int], World]] = {
     "office-boxes-few": lambda seed: cluttered(office(1), seed, 3.0),
     "office-boxes-some": lambda seed: cluttered(office(1), seed, 9.0),
     "office-boxes-many": lambda seed: cluttered(office(1), seed, 30.0),
+    "partial-furnished": lambda seed: cluttered(partial(seed, route="loops"), seed, 9.0),
     "four-rooms": lambda seed: four_rooms(seed, same=False),
     "four-rooms-same": lambda seed: four_rooms(seed, same=True),
     "partial-symmetric": lambda seed: symmetric(seed),

@@ -105,6 +105,8 @@ SCENARIOS = {
         Scenario("partial-30", "partial-loops", known_share=0.3),
         Scenario("partial-70", "partial-loops", known_share=0.7),
         Scenario("partial-90", "partial-loops", known_share=0.9),
+        Scenario("partial-furnished", "partial-furnished", known_share=0.5),
+        Scenario("partial-furnished-stay", "office-boxes-some", known_share=0.95),
         Scenario("partial-drive-1", "partial-drive-1", "pioneer", "urg-04lx"),
         Scenario("partial-drive-2", "partial-drive-2", "pioneer", "urg-04lx"),
         Scenario("partial-sample", "partial-leave", rate_hz=4.0, odometry_hz=4.0, known_share=0.5),

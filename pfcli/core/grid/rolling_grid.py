@@ -21,17 +21,18 @@ _CONFIRMED_FEWEST, _CONFIRMED_MOST = 3.0, 12.0
 
 class LocalHistory(NamedTuple):
     """A torus of cells: first_m, way_m (n, n), way at which a cell was first and last hit within the window; hits uint8
-    (n, n), how often."""
+    (n, n), how often; thing_m (n, n), way at which it was last marked as a thing that the map lacks."""
 
     first_m: NDArray[np.float32]
     way_m: NDArray[np.float32]
     hits: NDArray[np.uint8]
+    thing_m: NDArray[np.float32]
 
 
 def empty() -> LocalHistory:
     """Nothing seen yet."""
     never = np.full((_SIDE, _SIDE), -np.inf, np.float32)
-    return LocalHistory(never.copy(), never, np.zeros((_SIDE, _SIDE), np.uint8))
+    return LocalHistory(never.copy(), never.copy(), np.zeros((_SIDE, _SIDE), np.uint8), never)
 
 
 @kernel
@@ -75,3 +76,29 @@ def remember(history, pose, points, way_m, window_m):  # type: ignore[no-untyped
         if history.hits[iy, ix] < 255:
             history.hits[iy, ix] += 1
         history.way_m[iy, ix] = way_m
+
+
+@kernel
+def mark(history, pose, points, way_m):  # type: ignore[no-untyped-def]
+    """Mark the cells of points as things that the map lacks. pose: (3,) odometry; points: float32 (2, b), base frame (m)."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    for b in range(points.shape[1]):
+        ix = int(np.floor((pose[0] + c * points[0, b] - s * points[1, b]) / _CELL_M)) & (_SIDE - 1)
+        iy = int(np.floor((pose[1] + s * points[0, b] + c * points[1, b]) / _CELL_M)) & (_SIDE - 1)
+        history.thing_m[iy, ix] = way_m
+
+
+@kernel
+def marked(history, pose, points, way_m, window_m):  # type: ignore[no-untyped-def]
+    """(b,) which points end within two cells of a thing that was marked in the last `window_m` of way; see `mark`."""
+    out = np.zeros(points.shape[1], np.bool_)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    for b in range(points.shape[1]):
+        gx = int(np.floor((pose[0] + c * points[0, b] - s * points[1, b]) / _CELL_M))
+        gy = int(np.floor((pose[1] + s * points[0, b] + c * points[1, b]) / _CELL_M))
+        for dy in range(-_REACH, _REACH + 1):
+            for dx in range(-_REACH, _REACH + 1):
+                iy, ix = (gy + dy) & (_SIDE - 1), (gx + dx) & (_SIDE - 1)
+                if way_m - history.thing_m[iy, ix] <= window_m:
+                    out[b] = True
+    return out

@@ -147,3 +147,18 @@ def evidence(
     arguments = (poses, points, field.table, frame, shape, yaw, shift, base, least, out)
     spread(_evidence_rows, poses.shape[0], *arguments, least=rows_of(points.shape[1]))
     return out
+
+
+def of_beams(
+    pose: NDArray[np.float64], points: NDArray[np.float32], field: Field, level: NDArray[np.int32]
+) -> NDArray[np.float32]:
+    """(b,) evidence of each beam for one pose (3,); at least UNKNOWN where the map says nothing.
+
+    points: float32 (2, b), end points in the base frame (m); level: int32 (b,), the field of each beam.
+    """
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    x, y = pose[0] + c * points[0] - s * points[1], pose[1] + s * points[0] + c * points[1]
+    f = field.frame
+    col = np.clip(np.floor(f[0] * x + f[1] * y + f[2]), 0, field.cols - 1).astype(np.int64)
+    row = np.clip(np.floor(f[3] * x + f[4] * y + f[5]), 0, field.rows - 1).astype(np.int64)
+    return np.asarray(field.table[level * (field.rows * field.cols) + row * field.cols + col])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import estimate
+from pfcli.core.geometry import compose
 from pfcli.core.motion.odometry import predict
 from pfcli.core.sensor import range_beams
 from pfcli.core.sensor.range_beams import Beams, Model
@@ -17,7 +18,8 @@ from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.events import Sounding, Sweep
 from pfcli.initial import Initial
 from pfcli.rng import Draw, Purpose
-from pfcli.systems.localize_lookup import smc_start
+from pfcli.systems.localize_lookup import certainty, smc_start
+from pfcli.systems.localize_lookup.certainty import MODE_M, MODE_RAD, Certainty
 from pfcli.systems.localize_lookup.expected_ranges import Assets, evidence, load
 from pfcli.systems.localize_lookup.params import Params
 from pfcli.systems.localize_lookup.reading_beams import beams_of, ends_of, model_of
@@ -26,8 +28,6 @@ from pfcli.systems.shared.contract import Filter, Result
 from pfcli.systems.shared.motion_gate import step_noise, update_of
 from pfcli.systems.shared.run_record import RunRecord
 
-_MODE_M, _MODE_RAD = 0.75, 0.5
-_CERTAIN, _CERTAIN_M = 0.8, 0.3
 _FADING = 0.2
 """Weight of the newest reading in `fit`: one glance at a crowd is no reason to think oneself lost."""
 
@@ -51,7 +51,7 @@ class Info(NamedTuple):
 
 class State(NamedTuple):
     """pose (n, 3) and log weight (n,) of each particle; odometry (1, 3) of the last update; fit: log evidence of the last
-    readings, fading, as a share of the best there could be; what the end needs."""
+    readings, fading, as a share of the best there could be; the last estimate (3,); what the end needs."""
 
     pose: NDArray[np.float64]
     log_w: NDArray[np.float64]
@@ -59,7 +59,8 @@ class State(NamedTuple):
     way_m: float
     fit: float
     record: RunRecord
-    certain_ns: list[int]
+    estimate: NDArray[np.float64] | None
+    certainty: Certainty
     looks: list[int]
 
 
@@ -72,7 +73,8 @@ def init(params: Params, assets: Assets, first: Sweep | Sounding, draw: Draw) ->
         way_m=0.0,
         fit=1.0,
         record=RunRecord(),
-        certain_ns=[],
+        estimate=None,
+        certainty=Certainty(),
         looks=[],
     )
 
@@ -95,7 +97,8 @@ def step(
         state = state._replace(pose=pose, log_w=state.log_w + evidence(pose, beams, assets, model))  # eq. (13)
         if params.variant == "corrected" and params.lost_share > 0.0:
             state = _look_around_if_lost(state, reading.stamp_ns, beams, model, assets, params, draw)
-    state = state._replace(odometry=update.step.now, way_m=state.way_m + update.step.way_m)
+    expected = None if state.estimate is None else compose(state.estimate[None], moved[None])[0]
+    state = state._replace(odometry=update.step.now, way_m=state.way_m + update.step.way_m, estimate=expected)
     return _conclude(state, reading.stamp_ns, beams, assets, params, draw)
 
 
@@ -127,19 +130,20 @@ def _conclude(
     """Report, then resample."""
     pose = state.pose
     weights, log_evidence = normalize(state.log_w)
-    found = estimate.densest(pose, weights, _MODE_M, _MODE_RAD)
+    found = estimate.densest(pose, weights, MODE_M, MODE_RAD)
     if params.variant == "paper":
         found = found._replace(pose=pose[int(np.argmax(weights))].copy())
     state.record.report(found, pose[np.argsort(-weights, kind="stable")], ends_of(beams))
-    if found.mass >= _CERTAIN and found.sd_m <= _CERTAIN_M:
-        state.certain_ns.append(stamp_ns)
+    looked = bool(state.looks) and state.looks[-1] == stamp_ns
+    known = certainty.after(state.certainty, found, state.estimate, looked, stamp_ns)
+    state = state._replace(estimate=found.pose, certainty=known)
     n_eff = float(effective_sample_size(weights))
     chosen = resampling.chosen(weights, n_eff, params, draw, stamp_ns)
     info = Info(
         t_ns=stamp_ns,
         best_log_w=float(state.log_w.max()),
         mode_share=found.mass,
-        modes=estimate.modes(pose, weights, _MODE_M, _MODE_RAD),
+        modes=estimate.modes(pose, weights, MODE_M, MODE_RAD),
         sd_m=found.sd_m,
         sd_yaw_rad=found.sd_yaw_rad,
         n_eff=n_eff,
@@ -158,11 +162,10 @@ def _conclude(
 def finish(state: State, assets: Assets, params: Params) -> Result:
     """Track, and since when the filter was certain."""
     track = state.record.poses()
-    since = (state.certain_ns[0] - int(track.stamps_ns[0])) * 1e-9 if state.certain_ns else None
     summary = {
         "updates": int(track.columns["update"].sum()),
         "ranges": assets.source,
-        "certain_since_s": None if since is None else round(since, 3),
+        **certainty.summary(state.certainty, int(track.stamps_ns[0])),
         "looks_around": len(state.looks),
         "particles": int(state.pose.shape[0]),
     }

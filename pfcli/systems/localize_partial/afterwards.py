@@ -53,6 +53,7 @@ def result(record: RunRecord, log: Log, particles: int, assets: Assets, params: 
         "updates": len(log.stamps_ns),
         "crossings": class_smoother.crossings(np.array(log.stamps_ns), in_map),
         "in_map_at_end": round(float(in_map[-1]), 4),
+        "unknown_poses": round(float(np.isnan(track.poses[:, 0]).mean()), 4),
         "particles_at_end": particles,
     }
     return Result(

@@ -45,7 +45,8 @@ class Past(NamedTuple):
 class Reading(NamedTuple):
     """What an update brings: step (3,) since the last one in the base frame, whether it is the first, end points of the
     scan float32 (2, b), for each beam the level of the field (b,) and what the last metres explain (2, b), the stamp; the
-    reckoned pose (3,), and updates of the last metres."""
+    reckoned pose (3,), updates of the last metres, and for each beam whether it ends at a thing that the map is known to lack;
+    way since the start (m)."""
 
     moved: NDArray[np.float64]
     first: bool
@@ -55,3 +56,5 @@ class Reading(NamedTuple):
     stamp_ns: int
     reckoned: NDArray[np.float64] = np.zeros(3)
     past: Sequence[Past] = ()
+    things: NDArray[np.bool_] | None = None
+    way_m: float = np.inf

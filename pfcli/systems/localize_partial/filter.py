@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfcli.core import particles
+from pfcli.core.estimate import PoseEstimate
 from pfcli.core.grid import rolling_grid
 from pfcli.core.grid.scan_points import Points, beams_of
 from pfcli.core.sensor import likelihood_field
@@ -23,10 +24,11 @@ from pfcli.systems.localize_partial import (
     last_metres,
     pose_smoother,
     relocalise,
+    unmapped_things,
     update_corrected,
     update_paper,
 )
-from pfcli.systems.localize_partial.class_belief import Belief, Past, Reading
+from pfcli.systems.localize_partial.class_belief import Belief, Past, Reading, share_in_map
 from pfcli.systems.localize_partial.class_report import Info
 from pfcli.systems.localize_partial.incomplete_map import Assets, load
 from pfcli.systems.localize_partial.matched_odometry import CELL_M, Reckoning, reckon
@@ -54,6 +56,7 @@ class State(NamedTuple):
     way_m: float
     local: rolling_grid.LocalHistory
     past: list[Past]
+    standing: unmapped_things.Standing
     record: RunRecord
     log: afterwards.Log
 
@@ -67,6 +70,7 @@ def init(params: Params, assets: Assets, first: Sweep, draw: Draw) -> State:
         way_m=0.0,
         local=rolling_grid.empty(),
         past=[],
+        standing=unmapped_things.at_start(assets.initial.kind),
         record=RunRecord(),
         log=afterwards.empty(),
     )
@@ -108,7 +112,17 @@ def step(state: State, sweep: Sweep, assets: Assets, params: Params, draw: Draw)
     if state.record.updates % _PAST_EVERY == 0:
         state.past.append(Past(reckoning.pose, reading.ends, reading.level, reading.base, belief.credit))
         del state.past[:-_PAST]
-    return _conclude(state._replace(belief=belief), reading)
+    found = class_report.found_pose(belief)
+    view_rad = abs(sweep.scan.angle_increment_rad) * sweep.scan.ranges_m.size
+    carried = not update.first and unmapped_things.is_carried(reading.base[0], moved[2], view_rad)
+    in_map = float(share_in_map(belief.b))
+    standing = unmapped_things.after(state.standing, in_map, way_m, reckoning.anew or carried)
+    state = state._replace(belief=belief, standing=standing)
+    if standing.may_be_inside and class_report.known_inside(belief) and reckoning.astray_m == 0.0:
+        sensor = np.array(sweep.scan.mount[:2])
+        view = unmapped_things.View(sensor, reading.ends, reading.level)
+        unmapped_things.mark(state.local, reckoning.pose, state.way_m, found, view, assets, params)
+    return _conclude(state, found, reading)
 
 
 def _points(sweep: Sweep, params: Params) -> Points | None:
@@ -125,6 +139,9 @@ def _reading(
     level = likelihood_field.levels_of(ends, params.sigma_hit_m, params.heading_sd_rad)
     reckoned = state.reckoning.pose
     base = last_metres.explained(state.local, reckoned, state.way_m, ends, level, params)
+    things = None
+    if state.standing.may_be_inside:
+        things = rolling_grid.marked(state.local, reckoned, ends, state.way_m, params.history_m)
     rolling_grid.remember(state.local, reckoned, scan, state.way_m, params.history_m)
     return Reading(
         moved=moved,
@@ -135,13 +152,14 @@ def _reading(
         stamp_ns=stamp_ns,
         reckoned=reckoned,
         past=state.past,
+        things=things,
+        way_m=state.way_m,
     )
 
 
-def _conclude(state: State, reading: Reading) -> tuple[State, Info]:
+def _conclude(state: State, found: PoseEstimate, reading: Reading) -> tuple[State, Info]:
     """Estimate and record."""
     belief, log, reckoning = state.belief, state.log, state.reckoning
-    found = class_report.found_pose(belief)
     state.record.report(found, belief.pose, reading.ends.T, belief.label)
     log.stamps_ns.append(reading.stamp_ns)
     log.classes.append(class_smoother.Step(belief.transition, belief.b))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pfcli.core.resample import systematic
 from pfcli.core.sensor import likelihood_field
-from pfcli.core.weights import effective_sample_size
+from pfcli.core.weights import effective_sample_size, normalize
 from pfcli.rng import Draw, Purpose
 from pfcli.systems.localize_partial import annealed_sampler, cluster_kernels
 from pfcli.systems.localize_partial.class_belief import Belief, Reading, in_the_map
@@ -26,12 +26,15 @@ from pfcli.systems.localize_partial.relocalise import (
     search,
     together,
 )
+from pfcli.systems.localize_partial.unmapped_things import forgiven
 from pfcli.systems.shared.motion_gate import step_noise
 
 _BIN_M, _BIN_RAD = 0.5, 0.26
 _NEGLIGIBLE = 1e-9
 _ASKED, _SETTLED_M, _SETTLED_SHARE = 64, 0.5, 0.9
 """Particles of class 3 that are asked together, and what share of them must lie how near to each other."""
+_FINDS_M = 5.0
+"""Way in which a robot finds its place after an unknown start."""
 _MARGIN_LEFT = 0.5
 """Share of the history's margin that is granted then: the other half stood for the spread."""
 
@@ -113,7 +116,7 @@ def _evidence(pose: NDArray[np.float64], reading: Reading, assets: Assets) -> ND
 def _settled(
     placed: Placed, log_ratio: NDArray[np.float64], reading: Reading, assets: Assets, params: Params, draw: Draw
 ) -> float | None:
-    """Log evidence of class 3 as a whole once it knows where it is; None while it does not.
+    """Log evidence of class 3 as a whole at the least: what a settled one has, or one that is still looking for its place.
 
     The last metres are asked at one pose, the map at many: a cluster would pay for every turn that spreads it, and for
     what both know the outside would win. Settled, it is asked where it is after the scan, and a beam that map and last
@@ -128,11 +131,27 @@ def _settled(
     u = float(draw(Purpose.SETTLED, reading.stamp_ns).random())
     some = pose[here[systematic.choose(after, u, _ASKED)]]
     if cluster_kernels.together(some, _SETTLED_M) < _SETTLED_SHARE:
-        return None
-    base = reading.base.copy()
+        looks = reading.way_m < _FINDS_M and assets.initial.kind not in ("pose", "outside")
+        return _by_what_is_new(placed, log_ratio, reading, assets, params) if looks else None
+    base = reading.base.copy() if reading.things is None else forgiven(reading.base, reading.things, params)
     base[0, base[0] > 0.0] += (1.0 - _MARGIN_LEFT) * params.history_margin
     evidence = likelihood_field.evidence(some, reading.ends, assets.field, reading.level, base, least=0.0)
     return params.beam_gain * float(evidence.mean())
+
+
+def _by_what_is_new(
+    placed: Placed, log_ratio: NDArray[np.float64], reading: Reading, assets: Assets, params: Params
+) -> float:
+    """Log evidence of class 3 while it is looking for its place: what the last metres foretell tells its places apart, but was no
+    news to anybody, inside or outside."""
+    here, new = placed.label == 3, reading.base[0] == 0.0
+    explained = log_ratio[here]
+    if new.any():
+        ends, base = np.ascontiguousarray(reading.ends[:, new]), np.ascontiguousarray(reading.base[:, new])
+        evidence = likelihood_field.evidence(placed.pose[here], ends, assets.field, reading.level[new], base)
+        explained = explained - params.beam_gain * evidence
+    log_w = np.log(np.maximum(placed.weight[here], 1e-300))
+    return normalize(log_w + log_ratio[here])[1] - normalize(log_w + explained)[1]
 
 
 def _weigh(

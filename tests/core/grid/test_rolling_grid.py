@@ -40,3 +40,13 @@ def test_where_people_pass_now_and_then_is_no_surface(passes: int, surface: bool
     away = lh.explained_m(history, np.zeros(3), point, np.float32(2.0), 15.0)
     assert away[0, 0] == 0.0
     assert np.isfinite(away[1, 0]) == surface
+
+
+def test_a_marked_thing_is_known_near_its_place_and_for_the_window_only() -> None:
+    """Marked from one pose, seen from another that odometry tells."""
+    history = lh.empty()
+    lh.mark(history, np.array([1.0, 0.0, 0.0]), np.array([[2.0], [0.0]], np.float32), np.float32(1.0))
+    seen = np.array([[0.0, 0.0, 0.0], [-1.0, -1.15, -1.6]], np.float32)  # from (3, 1), looking along x
+    pose = np.array([3.0, 1.0, 0.0])
+    assert lh.marked(history, pose, seen, np.float32(2.0), 15.0).tolist() == [True, True, False]
+    assert not lh.marked(history, pose, seen, np.float32(17.0), 15.0).any()
