@@ -51,3 +51,9 @@ def test_the_end_of_a_corridor_that_the_robot_nears_has_no_band() -> None:
 def test_nothing_to_tell() -> None:
     assert no_return.band(np.array([np.nan, np.inf, 0.0, -1.0])) is None
     assert no_return.usable_m(np.array([np.inf])) == np.inf
+
+
+def test_one_value_alone_is_no_band_below_the_stated_limit() -> None:
+    """A wall all around reads the same everywhere; only at the limit it means that nothing came back."""
+    assert no_return.band(np.full(3600, 0.3), stated_m=10.0) is None
+    assert no_return.band(np.full(3600, 10.0), stated_m=10.0) is not None

@@ -36,6 +36,8 @@ def band(ranges_m: NDArray[np.floating], stated_m: float = np.inf) -> Band | Non
     least = max(_LEAST, round(_LEAST_SHARE * values.size))
     for end in _ends(found, counts, least):
         begin = _begin(found, counts, end)
+        if begin == 0 and found[end] < stated_m:
+            continue  # a scanner that reads one value only, and that below its limit: a wall all around says the same
         held = int(counts[begin : end + 1].sum())
         most = _most_below(found, counts, begin, float(found[end] - found[begin]))
         times = _TIMES_STATED if found[begin] >= 0.98 * stated_m else _TIMES
