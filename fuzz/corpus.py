@@ -34,7 +34,7 @@ def _value(kind: Any) -> Any:
     """A value of a ROS field type: arrays get one element, strings a word."""
     node, detail = kind
     if node.name == "BASE":
-        return {"string": "word", "bool": True}.get(detail[0], 1.5 if detail[0].startswith("float") else 1)
+        return {"string": "base_link", "bool": True}.get(detail[0], 1.5 if detail[0].startswith("float") else 1)
     if node.name == "NAME":
         return message(detail)
     element, length = detail
