@@ -16,7 +16,7 @@ from pfcli.core.geometry import compose
 from pfcli.core.rows import Rows
 from pfcli.core.threads import set_threads
 from pfcli.dropped import Dropped
-from pfcli.errors import FilterDegenerate, LogError, UsageError, printable
+from pfcli.errors import FilterDegenerate, LogError, UsageError
 from pfcli.events import Event, Sighting, Sounding, Sweep, Truth
 from pfcli.findings import Finding, without
 from pfcli.formats import reference_track
@@ -27,7 +27,7 @@ from pfcli.replay.log import Log
 from pfcli.replay.scanners import together
 from pfcli.replay.settings import Drive, Settings
 from pfcli.rng import Draw
-from pfcli.runs import warm
+from pfcli.runs import topic_roles, warm
 from pfcli.runs.agreement import agreement
 from pfcli.runs.info_rows import InfoRows
 from pfcli.runs.progress import progress
@@ -69,8 +69,8 @@ class Job(NamedTuple):
     def sweeps(self) -> Iterator[Any]:
         """All readings of the run, from its start, for what a system learns beforehand; what is lost is noted by the run."""
         log, dropped = Log(self.paths, self.settings), Dropped()
-        motion = motion_source(log, self.motion)
-        events = _replay(log, _roles(self, log, motion), dropped, Evidence(log.path))
+        motion = topic_roles.motion_source(log, self.motion)
+        events = _replay(log, topic_roles.roles_of(self.system, log, motion, self.truth), dropped, Evidence(log.path))
         yield from _sweeps(self, log, events, motion, dropped)
 
     @property
@@ -108,11 +108,11 @@ def execute(job: Job) -> Run:
     began = time.perf_counter()
     set_threads(job.threads)
     log = Log(job.paths, job.settings)
-    motion = motion_source(log, job.motion)
-    roles = _roles(job, log, motion)
+    motion = topic_roles.motion_source(log, job.motion)
+    roles = topic_roles.roles_of(job.system, log, motion, job.truth)
     dropped = Dropped()
     if job.settings.estimate_offset:
-        _set_clock(log, motion, job, dropped)
+        topic_roles.set_clock(log, motion, job.drive, dropped)
     truth: list[Truth] = []
     filter_ = filter_of(job.system)
     assets = filter_.load(job.params, job)
@@ -172,88 +172,6 @@ def execute(job: Job) -> Run:
     )
 
 
-def _set_clock(log: Log, motion: str, job: Job, dropped: Dropped) -> None:
-    """Estimate the offset of the scans' clock, and use it. Raises LogError where the drive does not tell it."""
-    from pfcli.replay.clock_check import scan_offset
-
-    found = scan_offset(log, motion, job.drive)
-    if found is None:
-        raise LogError(
-            f"{log.path}: --time-offset scan=auto: the drive turns too little, or its scans fit too badly, to tell the offset;"
-            " give seconds"
-        )
-    seconds = round(found.seconds, 3)
-    log.settings = log.settings._replace(offsets_s={**log.settings.offsets_s, "scan": seconds})
-    seen = (
-        f"the scans' stamps are {-seconds:.3f} s late against the motion, +- {found.sd_s:.4f} s by {found.turns} turns"
-    )
-    dropped.find(
-        Finding(
-            code="W107",
-            severity="note",
-            where="",
-            seen=seen,
-            effect="corrected",
-            way_out=f"--time-offset scan={seconds}",
-        )
-    )
-
-
-def motion_source(log: Log, wanted: str) -> str:
-    """Where motion comes from: as asked, else the first of odometry, encoders, twist that the log has; transforms on /tf where
-    it has nothing else but commands."""
-    found = next((role for role in ("odometry", "encoders", "twist") if log.choose(role)), None)
-    if wanted == "odometry" or (wanted == "auto" and (found is None or (found == "twist" and log.only_commands()))):
-        return "odometry" if log.take_transforms() or wanted != "auto" else found or "odometry"
-    return wanted if wanted != "auto" else found or "odometry"
-
-
-def _reading(job: Job, log: Log) -> str:
-    """Which sensor of the system's needs is read: the one that --topic names, else the first that the log has."""
-    kinds = [kind for need in job.system.needs for kind in need if kind != "motion"]
-    named = [kind for kind in kinds if kind in job.settings.topics]
-    return next((kind for kind in named or kinds if log.choose(kind)), kinds[0])
-
-
-def _roles(job: Job, log: Log, motion: str) -> list[str]:
-    """Topics to read; the error names what is missing, what the log has and the flag that maps one."""
-    reading = _reading(job, log)
-    roles = [*align.ROLES[motion], reading]
-    if motion == "imu":
-        roles += [r for r in ("twist", "odometry") if log.choose(r)][:1]
-    for role in roles:
-        if log.choose(role) is None:
-            have = (
-                ", ".join(f"{printable(t)} ({printable(s) or 'no schema'})" for t, s in log.topics().items())
-                or "nothing"
-            )
-            raise UsageError(
-                f"{log.path}: {job.system.name} needs {_NOUNS.get(role, role)}, and the log has {have}{log.damage};"
-                f" map a topic with --topic {role}=TOPIC"
-                + (" or choose --motion" if role in align.ROLES[motion] else "")
-            )
-    roles += [r for r in (*job.system.wants, "source_stamp") if r != reading and log.choose(r)]
-    if job.truth is not None and not Path(job.truth).is_file():
-        if job.truth not in ("auto", ""):
-            _name_truth(log, job.truth)
-        if log.choose("truth") is None:
-            raise UsageError(
-                f"{log.path}: --truth: the log has no truth topic; name one, or a file (TUM, EuRoC, KITTI, CSV)"
-            )
-        roles.append("truth")
-    return roles
-
-
-_NOUNS = {
-    "odometry": "odometry",
-    "scan": "laser scans",
-    "range": "range finders",
-    "imu": "an IMU",
-    "encoders": "wheel encoders",
-    "lines": "points of field lines or landmarks",
-}
-
-
 def _replay(log: Log, roles: list[str], dropped: Dropped, evidence: Evidence) -> Iterator[Event]:
     for event in log.events(roles, evidence.stamps):
         evidence.event(event)
@@ -268,17 +186,6 @@ def _sweeps(
     kept = (event for event in events if not isinstance(event, Truth))
     single = align.sweeps(kept, motion, job.drive, dropped, deskew=job.settings.deskew)
     return _with_data(together(single, len(log.roles().get("scan", ())), dropped), dropped)
-
-
-def _name_truth(log: Log, name: str) -> None:
-    """Read truth from this topic; what is none may have been meant as a file."""
-    topic = "/tf" if name.lstrip("/").startswith("tf:") else name
-    if topic not in log.topics():
-        have = ", ".join(printable(t) for t in log.topics()) or "none"
-        raise UsageError(
-            f"{log.path}: --truth {printable(name)} is neither a file nor a topic; the log has {have}{log.damage}"
-        )
-    log.settings = log.settings._replace(topics={**log.settings.topics, "truth": name})
 
 
 def _without_truth(events: Iterator[Event], truth: list[Truth]) -> Iterator[Event]:
