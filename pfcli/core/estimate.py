@@ -32,7 +32,7 @@ class PoseEstimate(NamedTuple):
 
 
 @kernel
-def _around(poses, weights, centre, reach_m, reach_rad, mean, cov):  # type: ignore[no-untyped-def]
+def _around(poses, weights, centre, reach_m, reach_rad, mean, cov):
     """Weighted mean and covariance of the poses within reach of `centre`, headings unrolled there; returns their weight."""
     total, sx, sy, st = 0.0, 0.0, 0.0, 0.0
     for i in range(poses.shape[0]):
@@ -63,7 +63,7 @@ def _around(poses, weights, centre, reach_m, reach_rad, mean, cov):  # type: ign
 
 
 @kernel
-def _fill(poses, weights, side_m, side_rad, slots, heaviest):  # type: ignore[no-untyped-def]
+def _fill(poses, weights, side_m, side_rad, slots, heaviest):
     """Weight of every hashed bin, so that the extent of the map does not matter, and its heaviest pose."""
     mask = np.uint64(slots.size - 1)
     for i in range(poses.shape[0]):
@@ -74,7 +74,7 @@ def _fill(poses, weights, side_m, side_rad, slots, heaviest):  # type: ignore[no
 
 
 @kernel
-def _twice_around(poses, weights, reach_m, reach_rad, mean, cov):  # type: ignore[no-untyped-def]
+def _twice_around(poses, weights, reach_m, reach_rad, mean, cov):
     """`_around` the mean (3,) that is given, and once more around the one that was found."""
     mass = 0.0
     for _ in range(2):
@@ -83,7 +83,7 @@ def _twice_around(poses, weights, reach_m, reach_rad, mean, cov):  # type: ignor
 
 
 @kernel
-def _best_around(poses, weights, slots, heaviest, reach_m, reach_rad, pose, cov):  # type: ignore[no-untyped-def]
+def _best_around(poses, weights, slots, heaviest, reach_m, reach_rad, pose, cov):
     """The heaviest neighbourhood of the heaviest bins, the first of equals; consumes `slots`, returns its weight."""
     best = 0.0
     mean, spread = np.empty(3), np.empty((3, 3))
@@ -138,7 +138,7 @@ def densest(poses: NDArray[np.float64], weights: NDArray[np.float64], reach_m: f
 
 
 @kernel
-def members(poses, centre, reach_m, reach_rad):  # type: ignore[no-untyped-def]
+def members(poses, centre, reach_m, reach_rad):
     """(n,) which poses (n, 3) belong to the hypothesis at `centre` (3,)."""
     out = np.empty(poses.shape[0], np.bool_)
     for i in range(poses.shape[0]):
@@ -148,7 +148,7 @@ def members(poses, centre, reach_m, reach_rad):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def distinct(poses, order, most, apart_m, apart_rad):  # type: ignore[no-untyped-def]
+def distinct(poses, order, most, apart_m, apart_rad):
     """The first `most` of the poses order (k,) of (n, 3), each farther than both from all before it."""
     kept = np.empty(min(most, order.size), np.int64)
     count = 0

@@ -7,7 +7,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def log_density(poses, mean, precision, log_norm, weight):  # type: ignore[no-untyped-def]
+def log_density(poses, mean, precision, log_norm, weight):
     """Log of a mixture of Gaussians (k) at each pose (n, 3); log_norm (k,): of each one's peak."""
     out = np.empty(poses.shape[0])
     for i in range(poses.shape[0]):
@@ -23,7 +23,7 @@ def log_density(poses, mean, precision, log_norm, weight):  # type: ignore[no-un
 
 
 @kernel
-def draw(mean, cov, chosen, z):  # type: ignore[no-untyped-def]
+def draw(mean, cov, chosen, z):
     """One draw (n, 3) around the chosen (n,) Gaussians. z: (n, 3) standard normal."""
     out, low = np.empty(z.shape), np.zeros((3, 3))
     last = -1
@@ -39,7 +39,7 @@ def draw(mean, cov, chosen, z):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def precisions(cov):  # type: ignore[no-untyped-def]
+def precisions(cov):
     """Inverse (k, 3, 3) of each covariance, and the log (k,) of each Gaussian's peak."""
     inverse, peak, low, unit = np.empty(cov.shape), np.empty(cov.shape[0]), np.zeros((3, 3)), np.zeros(3)
     for k in range(cov.shape[0]):

@@ -6,13 +6,13 @@ from pfcli.core.jit import inline_kernel, kernel, put
 
 
 @inline_kernel
-def wrap(angle):  # type: ignore[no-untyped-def]
+def wrap(angle):
     """The angle (rad, scalar) in -pi .. pi."""
     return angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
 
 
 @kernel
-def cholesky3(a, low):  # type: ignore[no-untyped-def]
+def cholesky3(a, low):
     """Lower Cholesky factor of a symmetric positive definite 3 x 3 matrix, written into `low`; returns log det a."""
     low[0, 0] = np.sqrt(a[0, 0])
     low[1, 0], low[2, 0] = a[1, 0] / low[0, 0], a[2, 0] / low[0, 0]
@@ -23,7 +23,7 @@ def cholesky3(a, low):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve3(low, b, out):  # type: ignore[no-untyped-def]
+def solve3(low, b, out):
     """Solve low low^T out = b: low (3, 3) from `cholesky3`, b (3,), out (3,) is written."""
     y0 = b[0] / low[0, 0]
     y1 = (b[1] - low[1, 0] * y0) / low[1, 1]
@@ -33,7 +33,7 @@ def solve3(low, b, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def compose(poses, step):  # type: ignore[no-untyped-def]
+def compose(poses, step):
     """Each pose (n, 3) followed by the step(s) (m, 3) in its frame; n or m may be 1."""
     n = max(poses.shape[0], step.shape[0])
     out = np.empty((n, 3))
@@ -47,7 +47,7 @@ def compose(poses, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def between(a, b):  # type: ignore[no-untyped-def]
+def between(a, b):
     """Each pose of b (m, 3) seen from the pose of a (n, 3); n or m may be 1."""
     n = max(a.shape[0], b.shape[0])
     out = np.empty((n, 3))
@@ -62,7 +62,7 @@ def between(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def spread_residual(start, end, odometry, reached):  # type: ignore[no-untyped-def]
+def spread_residual(start, end, odometry, reached):
     """Poses of the scans between two updates: odometry, with what the update corrected spread along the way.
 
     start, end: (3,) poses at the two updates; odometry: (k, 3), from the first update's scan up to the scan before

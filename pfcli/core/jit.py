@@ -55,7 +55,7 @@ def inline_kernel(function: _Function) -> Any:
 
 
 @inline_kernel
-def put(target, source):  # type: ignore[no-untyped-def]
+def put(target, source):
     """target[:] = source, for kernels, which must see to it that both have the same size. Numba's own assignment of one array
     (or row) to another compiles the text of an error as well, which takes three seconds."""
     for k in range(target.size):

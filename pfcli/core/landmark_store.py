@@ -73,7 +73,7 @@ def of_particles(marks: NDArray[np.float64], n: int) -> Store:
 
 
 @inline_kernel
-def read(store, i, column):  # type: ignore[no-untyped-def]
+def read(store, i, column):
     """(block, row) of a particle's landmark; block -1 where there is none."""
     block = store.table[i, column // BLOCK]
     row = column % BLOCK
@@ -83,7 +83,7 @@ def read(store, i, column):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def own(store, i, column):  # type: ignore[no-untyped-def]
+def own(store, i, column):
     """The block of a particle's landmark, its alone to write."""
     table, pool, refs, free, top = store
     b = column // BLOCK
@@ -103,7 +103,7 @@ def own(store, i, column):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _choose(table, ancestors, refs, free, top):  # type: ignore[no-untyped-def]
+def _choose(table, ancestors, refs, free, top):
     out = table[ancestors]
     refs[:] = 0
     for i in range(out.shape[0]):

@@ -8,7 +8,7 @@ from pfcli.core.jit import inline_kernel
 
 
 @inline_kernel
-def pose_bin(poses, i, side_m, side_rad):  # type: ignore[no-untyped-def]
+def pose_bin(poses, i, side_m, side_rad):
     """Hash (uint64) of the bin (side_m, side_m, side_rad) that pose i of (n, 3) falls into."""
     bx, by = np.int64(np.floor(poses[i, 0] / side_m)), np.int64(np.floor(poses[i, 1] / side_m))
     bt = np.int64(np.floor((wrap(poses[i, 2]) + np.pi) / side_rad))

@@ -8,7 +8,7 @@ from pfcli.errors import FilterDegenerate
 
 
 @kernel
-def _normalize(log_w):  # type: ignore[no-untyped-def]
+def _normalize(log_w):
     top = -np.inf
     for value in log_w:
         if value > top:
@@ -29,7 +29,7 @@ def normalize(log_w: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
 
 
 @kernel
-def effective_sample_size(weights):  # type: ignore[no-untyped-def]
+def effective_sample_size(weights):
     """N_eff = 1 / sum w^2 (Zhang 2016, eq. (6))."""
     total = 0.0
     for w in weights:

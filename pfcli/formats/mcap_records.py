@@ -33,7 +33,7 @@ class Records(NamedTuple):
 
 
 @inline_kernel
-def _number(buffer, at, width):  # type: ignore[no-untyped-def]
+def _number(buffer, at, width):
     """Little-endian integer; negative where 64 bits overflow."""
     value = np.int64(0)
     for k in range(width):
@@ -42,13 +42,13 @@ def _number(buffer, at, width):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def _holds(length, needed):  # type: ignore[no-untyped-def]
+def _holds(length, needed):
     """Whether a record of this length holds exactly these fields, or these and a padding."""
     return 0 <= needed <= length <= needed + _PADDING
 
 
 @kernel
-def _strings(buffer, at, end, count):  # type: ignore[no-untyped-def]
+def _strings(buffer, at, end, count):
     """Position after `count` strings (or blobs) with 4-byte lengths; -1 where they run past the end."""
     for _ in range(count):
         if at + 4 > end:
@@ -60,7 +60,7 @@ def _strings(buffer, at, end, count):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _extent(buffer, at, known, declared):  # type: ignore[no-untyped-def]
+def _extent(buffer, at, known, declared):
     """Length of the body of the record at `at`; -1 where no sane record begins there.
 
     Messages are of a channel that is known, or of the one that was just declared (no literal: it would compile twice).
@@ -109,7 +109,7 @@ def _extent(buffer, at, known, declared):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _next(buffer, at, known):  # type: ignore[no-untyped-def]
+def _next(buffer, at, known):
     """Where, from `at` on, the next sane record begins that two more follow (or the end); the size where none does.
 
     A chunk with the name of a compression vouches for itself.
@@ -134,7 +134,7 @@ def _next(buffer, at, known):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _index(buffer, start, messages, others, gaps, known):  # type: ignore[no-untyped-def]
+def _index(buffer, start, messages, others, gaps, known):
     """Fill the tables of `Records` from `start` until the end of the data section or until one of them is full.
 
     known: bool (65536,): channels that were declared; grows with what is met. A message cannot tell whether its own

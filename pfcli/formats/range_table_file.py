@@ -126,7 +126,7 @@ def checksum(ranges: NDArray[np.uint16]) -> str:
 
 
 @kernel
-def _sum_blocks(low, high, words, sums):  # type: ignore[no-untyped-def]
+def _sum_blocks(low, high, words, sums):
     """Sum of (2 k + 1) word_k over each block: an odd factor lets no changed bit vanish."""
     for block in range(low, high):
         first, last = block * 65536, min((block + 1) * 65536, words.size)

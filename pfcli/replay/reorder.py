@@ -63,7 +63,7 @@ Message = tuple[Source, Any, int, int, int]
 
 
 @kernel
-def _header_stamps(data, offset, length, out):  # type: ignore[no-untyped-def]
+def _header_stamps(data, offset, length, out):
     """Stamps (ns) of ROS headers; -1 where the payload is too short or not little endian."""
     for k in range(offset.size):
         at = offset[k]

@@ -39,7 +39,7 @@ LASERS = {
 
 
 @kernel
-def cast(x, y, angles, walls, discs, reach, out):  # type: ignore[no-untyped-def]
+def cast(x, y, angles, walls, discs, reach, out):
     """Distance from (x, y) along each angle to the nearest wall (s, 4) or disc (d, 3: x, y, radius), `reach` if none."""
     near = np.empty(walls.shape[0], np.int64)
     count = 0

@@ -15,7 +15,7 @@ _ASK = 8
 
 
 @kernel
-def _coarse_score(tiles, i, x, y, rotated, likelihood, least):  # type: ignore[no-untyped-def]
+def _coarse_score(tiles, i, x, y, rotated, likelihood, least):
     """Mean likelihood of end points by their distance to the nearest occupied cell; unknown cells count a third.
 
     Given up with -1 as soon as the rest cannot bring it above `least`.
@@ -59,7 +59,7 @@ class Window(NamedTuple):
 
 
 @kernel
-def _turned(points, yaw, per_cell, out):  # type: ignore[no-untyped-def]
+def _turned(points, yaw, per_cell, out):
     """End points seen from a pose of that heading, in cells. Far from each other in the scan come first, so that a few tell."""
     cos, sin = np.cos(yaw) * per_cell, np.sin(yaw) * per_cell
     k = 0
@@ -71,7 +71,7 @@ def _turned(points, yaw, per_cell, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _search(tiles, i, start, points, window, table, correction):  # type: ignore[no-untyped-def]
+def _search(tiles, i, start, points, window, table, correction):
     """Writes the correction (3,) to the best penalised score, zero where none is better than the start by the window's gain."""
     half = int(np.ceil(window.half_yaw_rad / window.step_yaw_rad))
     n_xy = int(np.ceil(window.half_xy_m / window.step_xy_m))

@@ -7,7 +7,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def _place(ranges, bearings, mount, origin, reach, poses, reference, out_range, out_bearing):  # type: ignore[no-untyped-def]
+def _place(ranges, bearings, mount, origin, reach, poses, reference, out_range, out_bearing):
     cr, sr = np.cos(reference[2]), np.sin(reference[2])
     for k in range(ranges.size):
         # the robot's pose at this beam, seen from the reference pose

@@ -66,7 +66,7 @@ def _empty() -> Features:
 
 
 @kernel
-def _slopes(gx, gy, inside, rows, cols, radius):  # type: ignore[no-untyped-def]
+def _slopes(gx, gy, inside, rows, cols, radius):
     """(k, BINS) sum of gradient lengths by direction in a disc around each key point."""
     out = np.zeros((rows.size, BINS))
     for k in range(rows.size):
@@ -116,7 +116,7 @@ def match(seen: Features, known: Features, most: int, room_tolerance_m: float = 
 
 
 @kernel
-def _clear(seen, ox, oy, ends, resolution_m):  # type: ignore[no-untyped-def]
+def _clear(seen, ox, oy, ends, resolution_m):
     """Mark cells that beams from (ox, oy) to ends (b, 2) crossed, half a cell a step."""
     for b in range(ends.shape[0]):
         dx, dy = ends[b, 0] - ox, ends[b, 1] - oy

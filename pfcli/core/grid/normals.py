@@ -13,14 +13,14 @@ _FLAT = 0.1
 
 
 @inline_kernel
-def _add(sums, dx, dy):  # type: ignore[no-untyped-def]
+def _add(sums, dx, dy):
     """Count, sums and sums of products of points, with one more."""
     count, sx, sy, sxx, sxy, syy = sums
     return count + 1, sx + dx, sy + dy, sxx + dx * dx, sxy + dx * dy, syy + dy * dy
 
 
 @inline_kernel
-def _fit(sums):  # type: ignore[no-untyped-def]
+def _fit(sums):
     """Unit normal of the line through points, given their sums, and whether they are a line."""
     count, sx, sy, sxx, sxy, syy = sums
     mx, my = sx / count, sy / count
@@ -33,7 +33,7 @@ def _fit(sums):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def scan_normals(points, blur):  # type: ignore[no-untyped-def]
+def scan_normals(points, blur):
     """Unit normals of the surface at each end point, from a line fitted to its neighbours in the scan.
 
     points: (b, 2) in beam order (m). Neighbours count while they are within `_REACH_M` of the point (or are its
@@ -70,7 +70,7 @@ def scan_normals(points, blur):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def map_normal(tiles, i, mx, my):  # type: ignore[no-untyped-def]
+def map_normal(tiles, i, mx, my):
     """Unit normal of the surface of particle i's map around the surface point (mx, my), in cells from the table's corner.
 
     Returns (x, y, 2); (1, 0, 1) where the occupied cells around are no line, (1, 0, 0) where there are fewer than three.

@@ -92,7 +92,7 @@ _APART_M = 2.0
 
 
 @kernel
-def _rotated(points, yaw, corner, cell_m, x, y, out):  # type: ignore[no-untyped-def]
+def _rotated(points, yaw, corner, cell_m, x, y, out):
     """Cells (b, 2) of the points seen from the pose."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     for b in range(points.shape[0]):
@@ -101,7 +101,7 @@ def _rotated(points, yaw, corner, cell_m, x, y, out):  # type: ignore[no-untyped
 
 
 @kernel
-def _bound(grid, width, cells, dx, dy, least):  # type: ignore[no-untyped-def]
+def _bound(grid, width, cells, dx, dy, least):
     """Sum of a level, whose cells look `width` cells ahead, at the cells (b, 2) moved by (dx, dy) cells; -1 as soon as it cannot
     exceed `least`. Cells left of the grid, or below it, may look into it: its first ones bound what they see.
     """
@@ -118,7 +118,7 @@ def _bound(grid, width, cells, dx, dy, least):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _search(levels, corner, cell_m, points, region, step, half, least, avoid, pose, score):  # type: ignore[no-untyped-def]
+def _search(levels, corner, cell_m, points, region, step, half, least, avoid, pose, score):
     count, top = points.shape[0], levels.shape[0] - 1
     wide, n_xy = 1 << top, int(np.ceil(region.half_xy_m / cell_m))
     side = (2 * n_xy) // wide + 1

@@ -56,7 +56,7 @@ def _runs(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 @inline_kernel
-def cast(room, cells, x, y, ux, uy, reach):  # type: ignore[no-untyped-def]
+def cast(room, cells, x, y, ux, uy, reach):
     """Length of the ray from (x, y) along the unit vector (ux, uy), all in cells: to the border of the first occupied
     cell, NONE beyond `reach`, UNKNOWN where an unknown cell comes first. room: `clearance` of cells.
 
@@ -88,7 +88,7 @@ def cast(room, cells, x, y, ux, uy, reach):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def cast_many(room, cells, xy, directions, reach):  # type: ignore[no-untyped-def]
+def cast_many(room, cells, xy, directions, reach):
     """`cast` for each of (n, 2) places and (n,) directions (rad, grid frame), in cells. Returns (n,)."""
     out = np.empty(xy.shape[0])
     for k in range(xy.shape[0]):
@@ -97,7 +97,7 @@ def cast_many(room, cells, xy, directions, reach):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _around_rows(low, high, room, cells, frame, xy, directions, range_m, out):  # type: ignore[no-untyped-def]
+def _around_rows(low, high, room, cells, frame, xy, directions, range_m, out):
     cell_m = 1.0 / np.hypot(frame[0], frame[3])
     for i in range(low, high):
         x = frame[0] * xy[i, 0] + frame[1] * xy[i, 1] + frame[2]

@@ -80,7 +80,7 @@ def _centres(
 
 
 @inline_kernel
-def place_at(place, frame, x, y):  # type: ignore[no-untyped-def]
+def place_at(place, frame, x, y):
     """What a grid holds at (x, y), map frame (m): OUTSIDE, INSIDE or WALL; 0, which is OUTSIDE, off the grid."""
     ix = int(np.floor(frame[0] * x + frame[1] * y + frame[2]))
     iy = int(np.floor(frame[3] * x + frame[4] * y + frame[5]))
@@ -90,7 +90,7 @@ def place_at(place, frame, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def crosses_wall(place, frame, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
+def crosses_wall(place, frame, x0, y0, x1, y1):
     """Whether the straight move from (x0, y0) to (x1, y1) passes an occupied cell (half a cell a step; not its start)."""
     gx0, gy0 = frame[0] * x0 + frame[1] * y0 + frame[2], frame[3] * x0 + frame[4] * y0 + frame[5]
     gx1, gy1 = frame[0] * x1 + frame[1] * y1 + frame[2], frame[3] * x1 + frame[4] * y1 + frame[5]
@@ -104,14 +104,14 @@ def crosses_wall(place, frame, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def clearance(to_wall, frame, x, y):  # type: ignore[no-untyped-def]
+def clearance(to_wall, frame, x, y):
     """How far (cells) a move from (x, y) certainly meets no wall; 0 where it may."""
     # start and wall are at most 0.71 cells from the centres of their cells
     return max(0.0, place_at(to_wall, frame, x, y) - 1.5)
 
 
 @kernel
-def places_at(place, frame, xy):  # type: ignore[no-untyped-def]
+def places_at(place, frame, xy):
     """What `place_at` says of each point (n, 2)."""
     out = np.empty(xy.shape[0], np.uint8)
     for i in range(xy.shape[0]):
@@ -120,7 +120,7 @@ def places_at(place, frame, xy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def only(shape, frame, xy):  # type: ignore[no-untyped-def]
+def only(shape, frame, xy):
     """uint8 of this shape, INSIDE in the cells that hold the points (n, 2) of the grid, OUTSIDE elsewhere."""
     out = np.zeros(shape, np.uint8)
     for i in range(xy.shape[0]):

@@ -36,7 +36,7 @@ def empty() -> LocalHistory:
 
 
 @kernel
-def explained_m(history, pose, points, way_m, window_m):  # type: ignore[no-untyped-def]
+def explained_m(history, pose, points, way_m, window_m):
     """Distances (2, b) in m of each end point to the nearest place that was hit before; inf where none is near.
 
     pose: (3,) odometry; points: float32 (2, b), base frame. Row 0 counts every hit of the last `window_m` of way, row 1
@@ -64,7 +64,7 @@ def explained_m(history, pose, points, way_m, window_m):  # type: ignore[no-unty
 
 
 @kernel
-def remember(history, pose, points, way_m, window_m):  # type: ignore[no-untyped-def]
+def remember(history, pose, points, way_m, window_m):
     """Add a scan. points: float32 (2, b), base frame."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     for b in range(points.shape[1]):
@@ -79,7 +79,7 @@ def remember(history, pose, points, way_m, window_m):  # type: ignore[no-untyped
 
 
 @kernel
-def mark(history, pose, points, way_m):  # type: ignore[no-untyped-def]
+def mark(history, pose, points, way_m):
     """Mark the cells of points as things that the map lacks. pose: (3,) odometry; points: float32 (2, b), base frame (m)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     for b in range(points.shape[1]):
@@ -89,7 +89,7 @@ def mark(history, pose, points, way_m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def marked(history, pose, points, way_m, window_m):  # type: ignore[no-untyped-def]
+def marked(history, pose, points, way_m, window_m):
     """(b,) which points end within two cells of a thing that was marked in the last `window_m` of way; see `mark`."""
     out = np.zeros(points.shape[1], np.bool_)
     c, s = np.cos(pose[2]), np.sin(pose[2])

@@ -62,14 +62,14 @@ class Match(NamedTuple):
 
 
 @kernel
-def _line_in_map(tiles, i, mx, my, alone):  # type: ignore[no-untyped-def]
+def _line_in_map(tiles, i, mx, my, alone):
     """What `_correspond` wants of an end point whose normal the map tells: normal, whether it is certain, weight."""
     nx, ny, around = map_normal(tiles, i, mx, my)
     return nx, ny, 1.0 if around > 1 else 0.0, 1.0 if around > 0 else alone
 
 
 @kernel
-def _correspond(tiles, i, pose, points, normals, stride, m, work):  # type: ignore[no-untyped-def]
+def _correspond(tiles, i, pose, points, normals, stride, m, work):
     """Look up the surface point of every stride-th end point.
 
     work: (9, b), filled with error x, y; lever x, y; normal x, y; whether the normal is certain; weight. Returns (pairs,
@@ -99,7 +99,7 @@ def _correspond(tiles, i, pose, points, normals, stride, m, work):  # type: igno
 
 
 @reduction_kernel
-def _accumulate(work, count, scale_m, sigma_m, tangent, sums):  # type: ignore[no-untyped-def]
+def _accumulate(work, count, scale_m, sigma_m, tangent, sums):
     """Normal equations of the robust cost (Geman-McClure): six sums of the Hessian, three of the gradient, inliers."""
     c2, near = scale_m * scale_m, 4.0 * sigma_m * sigma_m
     h00 = h01 = h02 = h11 = h12 = h22 = g0 = g1 = g2 = inliers = 0.0
@@ -129,7 +129,7 @@ def _accumulate(work, count, scale_m, sigma_m, tangent, sums):  # type: ignore[n
 
 
 @kernel
-def _linearise(tiles, i, pose, points, normals, stride, scale_m, m, work, hessian, gradient):  # type: ignore[no-untyped-def]
+def _linearise(tiles, i, pose, points, normals, stride, scale_m, m, work, hessian, gradient):
     """Normal equations at `pose`, scaled to information; returns the inlier share (-1 where all is unknown)."""
     count, known = _correspond(tiles, i, pose, points, normals, stride, m, work)
     sums = work[8]
@@ -144,7 +144,7 @@ def _linearise(tiles, i, pose, points, normals, stride, scale_m, m, work, hessia
 
 
 @kernel
-def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type: ignore[no-untyped-def]
+def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):
     """Tempered log likelihood of a scan at `pose` in the map of particle i; every `stride`-th beam speaks for all."""
     per_cell, cell_m = 1.0 / tiles.resolution_m, tiles.resolution_m
     ox, oy = tiles.corner[0] * SIDE, tiles.corner[1] * SIDE
@@ -177,7 +177,7 @@ def log_likelihood(tiles, i, pose, points, normals, scale_m, m, stride):  # type
 
 
 @kernel
-def known_share(tiles, i, pose, points):  # type: ignore[no-untyped-def]
+def known_share(tiles, i, pose, points):
     """Share of the end points (b, 2) that lie on known map of particle i at `pose` (3,)."""
     per_cell = 1.0 / tiles.resolution_m
     ox, oy = tiles.corner[0] * SIDE, tiles.corner[1] * SIDE
@@ -192,13 +192,13 @@ def known_share(tiles, i, pose, points):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def _apart(pose, other):  # type: ignore[no-untyped-def]
+def _apart(pose, other):
     """How far from each other (m, a radian counts two)."""
     return abs(pose[0] - other[0]) + abs(pose[1] - other[1]) + 2.0 * abs(wrap(pose[2] - other[2]))
 
 
 @kernel
-def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m, rival, work, hessian):  # type: ignore[no-untyped-def]
+def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m, rival, work, hessian):
     """Move `pose` to the maximum of likelihood x prior^trust: wide robust cost first, then narrow.
 
     rival: where another match has ended; a pose that comes as near as `_SAME` stops. Leaves the information of the posterior
@@ -228,13 +228,13 @@ def _refine(tiles, i, pose, prior, prior_information, trust, points, normals, m,
 
 
 @kernel
-def _volume(m):  # type: ignore[no-untyped-def]
+def _volume(m):
     """Volume of the window in which a slip can end (m^2 rad)."""
     return 8 * m.coarse_xy_m * m.coarse_xy_m * m.coarse_yaw_rad
 
 
 @kernel
-def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
+def log_prior(pose, prior, information, m):
     """Log density of the motion prior: Gaussian, or with probability `slip` uniform over the coarse window."""
     d0, d1, d2 = pose[0] - prior[0], pose[1] - prior[1], wrap(pose[2] - prior[2])
     q = (
@@ -248,7 +248,7 @@ def log_prior(pose, prior, information, m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _match_one(tiles, i, prior, information, correction, points, normals, m, pose, hessian, out):  # type: ignore[no-untyped-def]
+def _match_one(tiles, i, prior, information, correction, points, normals, m, pose, hessian, out):
     """Refine from the odometry and, where a correction is offered, from there; keep what explains scan and motion best."""
     work = np.empty((9, max(10, points.shape[0])))
     nowhere = np.full(3, 1e9)
@@ -281,7 +281,7 @@ def _match_one(tiles, i, prior, information, correction, points, normals, m, pos
 
 
 @kernel
-def _match_rows(low, high, tiles, priors, information, corrections, points, normals, m, poses, hessians, out):  # type: ignore[no-untyped-def]
+def _match_rows(low, high, tiles, priors, information, corrections, points, normals, m, poses, hessians, out):
     for i in range(low, high):
         _match_one(tiles, i, priors[i], information, corrections[i], points, normals, m, poses[i], hessians[i], out[i])
 

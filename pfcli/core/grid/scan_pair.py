@@ -28,7 +28,7 @@ class PairMotion(NamedTuple):
 
 
 @kernel
-def _shift(first, second, limits, widest):  # type: ignore[no-untyped-def]
+def _shift(first, second, limits, widest):
     """Beams by which the second profile is shifted against the first."""
     n = first.size
     best, found = np.inf, 0
@@ -45,7 +45,7 @@ def _shift(first, second, limits, widest):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _align(first, second, start, step, limits, pose):  # type: ignore[no-untyped-def]
+def _align(first, second, start, step, limits, pose):
     """Point-to-line alignment from `pose` on, which is moved; returns (share on surfaces, hold of the weaker direction)."""
     n = first.size
     cos, sin = np.cos(start + step * np.arange(n)), np.sin(start + step * np.arange(n))

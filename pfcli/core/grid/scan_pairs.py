@@ -32,7 +32,7 @@ class Pair(NamedTuple):
 
 
 @kernel
-def _normals(points, out):  # type: ignore[no-untyped-def]
+def _normals(points, out):
     n = points.shape[0]
     for k in range(n):
         out[k, 0] = out[k, 1] = np.nan
@@ -55,7 +55,7 @@ def _normals(points, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _solve(h, b, out):  # type: ignore[no-untyped-def]
+def _solve(h, b, out):
     a00, a01, a02 = h[0, 0] * 1.000001 + 1e-9, h[0, 1], h[0, 2]
     a11, a12, a22 = h[1, 1] * 1.000001 + 1e-9, h[1, 2], h[2, 2] * 1.000001 + 1e-9
     c00, c01, c02 = a11 * a22 - a12 * a12, a02 * a12 - a01 * a22, a01 * a12 - a02 * a11
@@ -67,7 +67,7 @@ def _solve(h, b, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _register(fixed, normals, moving, pose, far, near, rounds, spread, h):  # type: ignore[no-untyped-def]
+def _register(fixed, normals, moving, pose, far, near, rounds, spread, h):
     b, step = np.zeros(3), np.zeros(3)
     reach, used, squares = far, 0, 0.0
     for it in range(rounds):

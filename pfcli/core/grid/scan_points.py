@@ -22,7 +22,7 @@ class Points(NamedTuple):
 
 
 @kernel
-def _points(ranges, angle_min, increment, low, high, mount, stride, clear_m, cell_m, own):  # type: ignore[no-untyped-def]
+def _points(ranges, angle_min, increment, low, high, mount, stride, clear_m, cell_m, own):
     n = ranges.size
     ends, far, skip = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
     count, none, rest, invalid = 0, 0, 0, 0

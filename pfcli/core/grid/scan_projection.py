@@ -10,7 +10,7 @@ THICK_M = 0.1
 
 
 @kernel
-def _project(ranges, low, step, usable, rotation, height, band, out_range, out_angle):  # type: ignore[no-untyped-def]
+def _project(ranges, low, step, usable, rotation, height, band, out_range, out_angle):
     off = 0
     for k in range(ranges.size):
         a = low + k * step
@@ -57,7 +57,7 @@ def projected(
 
 
 @kernel
-def _slice(points, motion, band, centre, bins, near, place, count):  # type: ignore[no-untyped-def]
+def _slice(points, motion, band, centre, bins, near, place, count):
     used = 0
     for again in range(2):
         for i in range(points.shape[0]):
@@ -105,7 +105,7 @@ def sliced(
 
 
 @kernel
-def _bearings(places):  # type: ignore[no-untyped-def]
+def _bearings(places):
     out = np.empty(places.shape[0])
     for k in range(out.size):
         out[k] = np.arctan2(places[k, 1], places[k, 0])

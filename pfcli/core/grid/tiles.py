@@ -138,7 +138,7 @@ def resample(tiles: Tiles, ancestors: NDArray[np.int64]) -> Tiles:
 
 
 @kernel
-def _recount(old, new, refs, free, top):  # type: ignore[no-untyped-def]
+def _recount(old, new, refs, free, top):
     """Move the reference counts from the old tables (flat) to the new; tiles nobody holds go back to the stack."""
     for tile in new:
         if tile >= 0:
@@ -164,7 +164,7 @@ def own(tiles: Tiles, touched: NDArray[np.uint8]) -> Tiles:
 
 
 @kernel
-def _foreign(flat, refs, marks):  # type: ignore[no-untyped-def]
+def _foreign(flat, refs, marks):
     """Flat table positions that are touched but not the particle's own."""
     out = np.empty(flat.size, np.int64)
     count = 0
@@ -176,7 +176,7 @@ def _foreign(flat, refs, marks):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _clear(tiles, tile):  # type: ignore[no-untyped-def]
+def _clear(tiles, tile):
     for k in range(CELLS):
         tiles.counts[tile, k] = 0
         tiles.surface[tile, k, OFF_X] = NONE
@@ -184,7 +184,7 @@ def _clear(tiles, tile):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _copy(tiles, old, new):  # type: ignore[no-untyped-def]
+def _copy(tiles, old, new):
     for k in range(CELLS):
         tiles.counts[new, k] = tiles.counts[old, k]
         for c in range(2):
@@ -194,7 +194,7 @@ def _copy(tiles, old, new):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_ownership(tiles, flat, foreign):  # type: ignore[no-untyped-def]
+def _take_ownership(tiles, flat, foreign):
     """Give each foreign position of the flat table a tile of its own."""
     for k in foreign:
         old = flat[k]
@@ -212,7 +212,7 @@ def _take_ownership(tiles, flat, foreign):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
+def nearest_surface(tiles, i, gx, gy):
     """Surface point nearest to (gx, gy), in cells from the table's corner.
 
     Returns (state, x, y): state 2 with the mean end point of the nearest occupied cell, 1 where the cell was seen
@@ -239,7 +239,7 @@ def nearest_surface(tiles, i, gx, gy):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def squared_distance(tiles, tile, cell):  # type: ignore[no-untyped-def]
+def squared_distance(tiles, tile, cell):
     """Squared distance in cells from a cell to the nearest occupied one; above REACH^2 where none is in reach."""
     off_x = np.int64(tiles.surface[tile, cell, OFF_X]) - REACH
     if off_x == NONE - REACH:
@@ -259,7 +259,7 @@ class Beams(NamedTuple):
 
 
 @kernel
-def _touch_one(corner, resolution_m, pose, beams, touched):  # type: ignore[no-untyped-def]
+def _touch_one(corner, resolution_m, pose, beams, touched):
     per_tile = 1.0 / (resolution_m * SIDE)
     margin = (REACH + 1) / SIDE
     cos, sin = np.cos(pose[2]) * per_tile, np.sin(pose[2]) * per_tile
@@ -277,7 +277,7 @@ def _touch_one(corner, resolution_m, pose, beams, touched):  # type: ignore[no-u
 
 
 @kernel
-def _touch_all(corner, resolution_m, poses, beams, touched):  # type: ignore[no-untyped-def]
+def _touch_all(corner, resolution_m, poses, beams, touched):
     for i in range(poses.shape[0]):
         _touch_one(corner, resolution_m, poses[i], beams, touched[i])
 
@@ -293,7 +293,7 @@ def touch(tiles: Tiles, poses: NDArray[np.float64], beams: Beams) -> NDArray[np.
 
 
 @inline_kernel
-def _walk(x, y, dx, dy, touched):  # type: ignore[no-untyped-def]
+def _walk(x, y, dx, dy, touched):
     """Mark the tiles within a cell and a half of the segment from (x, y) along (dx, dy), in tiles."""
     margin = 1.5 / SIDE
     steep = abs(dy) > abs(dx)
@@ -311,7 +311,7 @@ def _walk(x, y, dx, dy, touched):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _insert_one(tiles, i, pose, beams):  # type: ignore[no-untyped-def]
+def _insert_one(tiles, i, pose, beams):
     per_cell = 1.0 / tiles.resolution_m
     cos, sin = np.cos(pose[2]) * per_cell, np.sin(pose[2]) * per_cell
     bx, by = pose[0] * per_cell - tiles.corner[0] * SIDE, pose[1] * per_cell - tiles.corner[1] * SIDE
@@ -330,7 +330,7 @@ def _insert_one(tiles, i, pose, beams):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _insert_rows(low, high, tiles, poses, chosen, beams):  # type: ignore[no-untyped-def]
+def _insert_rows(low, high, tiles, poses, chosen, beams):
     for i in range(low, high):
         if chosen[i]:
             _insert_one(tiles, i, poses[i], beams)
@@ -342,7 +342,7 @@ def insert(tiles: Tiles, poses: NDArray[np.float64], chosen: NDArray[np.bool_], 
 
 
 @kernel
-def _pass_through(tiles, i, x, y, dx, dy):  # type: ignore[no-untyped-def]
+def _pass_through(tiles, i, x, y, dx, dy):
     """Count a visit in one cell per step of the beam's longer axis, but its last (Bresenham's choice of cells).
 
     The shorter axis runs in fixed point (2^32 a cell), tile by tile, so that the inner loop neither converts nor checks.
@@ -382,7 +382,7 @@ def _pass_through(tiles, i, x, y, dx, dy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _visit_hit(tiles, tile, cell):  # type: ignore[no-untyped-def]
+def _visit_hit(tiles, tile, cell):
     """Count a visit in a cell that was hit before, or that is full."""
     before = np.int64(tiles.counts[tile, cell])
     seen, hits = (before & 255) + 1, before >> 8
@@ -395,7 +395,7 @@ def _visit_hit(tiles, tile, cell):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _hit(tiles, i, x, y):  # type: ignore[no-untyped-def]
+def _hit(tiles, i, x, y):
     """Count an end point; a cell that becomes occupied is announced to the cells around it."""
     cx, cy = int(np.floor(x)), int(np.floor(y))
     tile = tiles.index[i, cy >> BITS, cx >> BITS]
@@ -426,7 +426,7 @@ def _hit(tiles, i, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _announce(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
+def _announce(tiles, i, cx, cy):
     """Point the cells within REACH at the occupied cell (cx, cy) unless they know a nearer one."""
     for dy in range(-REACH, REACH + 1):
         y, high = cy + dy, dy * dy
@@ -447,7 +447,7 @@ def _announce(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _forget_freed(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
+def _forget_freed(tiles, i, cx, cy):
     """Cells around (cx, cy) whose nearest occupied cell has become free know none any more."""
     for y in range(cy - REACH, cy + REACH + 1):
         for x in range(cx - REACH, cx + REACH + 1):
@@ -463,7 +463,7 @@ def _forget_freed(tiles, i, cx, cy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def classify(tiles, i):  # type: ignore[no-untyped-def]
+def classify(tiles, i):
     """Cells of particle i as int8 (rows, cols) of its whole table: 0 free, 1 occupied, -1 unknown."""
     _, rows, cols = tiles.index.shape
     out = np.full((rows * SIDE, cols * SIDE), -1, np.int8)

@@ -21,7 +21,7 @@ class Noise(NamedTuple):
 
 
 @kernel
-def standard_deviations(step, noise):  # type: ignore[no-untyped-def]
+def standard_deviations(step, noise):
     """(3,) standard deviations of a step: along and across (m), heading (rad)."""
     d, a = np.hypot(step[0], step[1]), abs(step[2])
     out = np.empty(3)
@@ -31,7 +31,7 @@ def standard_deviations(step, noise):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def information(step, noise):  # type: ignore[no-untyped-def]
+def information(step, noise):
     """Information matrix (3, 3) of a step (dx, dy, dyaw in the old base frame, m and rad)."""
     sd = standard_deviations(step, noise)
     out = np.zeros((3, 3))
@@ -41,7 +41,7 @@ def information(step, noise):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _predict_rows(low, high, poses, step, sd, z, out):  # type: ignore[no-untyped-def]
+def _predict_rows(low, high, poses, step, sd, z, out):
     for i in range(low, high):
         dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
         c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])

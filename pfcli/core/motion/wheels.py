@@ -55,7 +55,7 @@ def slip(travel_m: NDArray[np.float64], jacobian: Jacobian, back: NDArray[np.flo
 
 
 @kernel
-def _roll_rows(low, high, poses, step, back, mean, sd, z, out):  # type: ignore[no-untyped-def]
+def _roll_rows(low, high, poses, step, back, mean, sd, z, out):
     wheels = mean.size
     for i in range(low, high):
         dx, dy, dt = step[0], step[1], step[2]

@@ -11,7 +11,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def scales(parent_weights, n, cap):  # type: ignore[no-untyped-def]
+def scales(parent_weights, n, cap):
     """Variance factor 1 / (n w) of each offspring, at most `cap`. parent_weights: (m,), normalised before resampling."""
     out = np.empty(parent_weights.size)
     for k in range(out.size):
@@ -20,7 +20,7 @@ def scales(parent_weights, n, cap):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def disperse(poses, ancestors, factor, sigma, keep_first, z):  # type: ignore[no-untyped-def]
+def disperse(poses, ancestors, factor, sigma, keep_first, z):
     """Draw each offspring around its parent: x_j ~ N(x_i, diag(sigma^2) factor_j).
 
     poses: (n, 3), already those of the parents; sigma: (3,), m, m, rad; keep_first: the first offspring of every

@@ -8,7 +8,7 @@ from pfcli.core.resample.systematic import choose
 
 
 @kernel
-def bound(bins, error, z):  # type: ignore[no-untyped-def]
+def bound(bins, error, z):
     """Particles that keep the Kullback-Leibler distance below `error` with the quantile `z`. Fox 2003, eq. (13)."""
     if bins <= 1:
         return 1
@@ -17,7 +17,7 @@ def bound(bins, error, z):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def occupied_bins(poses, chosen, side_m, side_rad):  # type: ignore[no-untyped-def]
+def occupied_bins(poses, chosen, side_m, side_rad):
     """Number of bins (side_m, side_m, side_rad) that the chosen poses fall into.
 
     poses: (n, 3); chosen: (m,), indices. Bins are hashed into 8 m slots: a rare collision counts one bin less.
@@ -39,7 +39,7 @@ def occupied_bins(poses, chosen, side_m, side_rad):  # type: ignore[no-untyped-d
 
 
 @kernel
-def sample_size(poses, weights, cluster, u, least, limit, error, side_m, side_rad):  # type: ignore[no-untyped-def]
+def sample_size(poses, weights, cluster, u, least, limit, error, side_m, side_rad):
     """How many offspring of a cluster keep its spread: more are drawn on trial until the bound holds for what they hit.
 
     poses: (n, 3); weights: (n,); cluster: (m,), indices of these; u: offset of the draw in [0, 1); least, limit: fewest and

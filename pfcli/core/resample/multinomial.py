@@ -6,7 +6,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def ancestors(weights, u):  # type: ignore[no-untyped-def]
+def ancestors(weights, u):
     """Parent of each offspring. weights: (n,), sum 1; u: (m,) in [0, 1), any order. Returns (m,) in ascending order."""
     m = u.size
     out = np.empty(m, np.int64)

@@ -6,7 +6,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def ancestors(weights, u):  # type: ignore[no-untyped-def]
+def ancestors(weights, u):
     """Parent of each offspring, in index order. weights: (n,), sum 1; u: (m,) in [0, 1). Returns (m,)."""
     m = u.size
     out = np.empty(m, np.int64)

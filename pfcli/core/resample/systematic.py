@@ -6,7 +6,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def ancestors(weights, u):  # type: ignore[no-untyped-def]
+def ancestors(weights, u):
     """Parent of each offspring, in index order. weights: (n,), sum 1; u: (1,) in [0, 1). |count - n w| < 1."""
     n = weights.size
     out = np.empty(n, np.int64)
@@ -21,7 +21,7 @@ def ancestors(weights, u):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def choose(weights, u, wanted):  # type: ignore[no-untyped-def]
+def choose(weights, u, wanted):
     """`wanted` indices, any number, in proportion to weights (n,), which need not be normalised. u: in [0, 1)."""
     out = np.empty(wanted, np.int64)
     mass = 0.0

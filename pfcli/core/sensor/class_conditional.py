@@ -122,7 +122,7 @@ def _coarser(cells: NDArray[np.int8], by: int) -> NDArray[np.int8]:
 
 
 @kernel
-def unknown_density(range_m, model):  # type: ignore[no-untyped-def]
+def unknown_density(range_m, model):
     """(b,) p(unknown) u(r) of beams with ranges (b,), 1/m."""
     out = np.empty(range_m.size)
     whole = 1.0 - np.exp(-model.rate_per_m * model.range_m)
@@ -132,7 +132,7 @@ def unknown_density(range_m, model):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _hit_table(model, step_m, count):  # type: ignore[no-untyped-def]
+def _hit_table(model, step_m, count):
     """p(known) p(z | known) by distance, in steps; the last entry is that of the random term alone."""
     out = np.empty(count, np.float32)
     for k in range(count):
@@ -150,7 +150,7 @@ _BLOCK = 64
 
 
 @inline_kernel
-def _through(ranges, first, base, turn_b, range_b, unit_m, low, high, expected, out, n):  # type: ignore[no-untyped-def]
+def _through(ranges, first, base, turn_b, range_b, unit_m, low, high, expected, out, n):
     """Of n poses, in which a beam reads beyond a mapped surface: farther than both neighbouring directions of the table, by a
     margin (1), or so far that not even a wall at its end explains it (2).
 
@@ -175,7 +175,7 @@ def _through(ranges, first, base, turn_b, range_b, unit_m, low, high, expected, 
 
 
 @inline_kernel
-def _by_field(poses, scan, field, distance, through):  # type: ignore[no-untyped-def]
+def _by_field(poses, scan, field, distance, through):
     """Distance (b, n) of every end point from the nearest mapped surface, and which beams read beyond one, for n poses."""
     away, rows, cols, frame, yaw, expected = field[0]
     ranges, row, row_frame, unit_m = expected
@@ -204,7 +204,7 @@ def _by_field(poses, scan, field, distance, through):  # type: ignore[no-untyped
 
 
 @kernel
-def _by_rays(pose, scan, field, distance, through, i):  # type: ignore[no-untyped-def]
+def _by_rays(pose, scan, field, distance, through, i):
     """How much every beam reads less than the first mapped surface, or more than its cell is deep, and which read beyond:
     column i of distance and through (b, n)."""
     room, cells, frame, yaw, reach_m = field[1]
@@ -227,7 +227,7 @@ def _by_rays(pose, scan, field, distance, through, i):  # type: ignore[no-untype
 
 
 @kernel
-def _residuals(poses, scan, field, by_rays, distance, through):  # type: ignore[no-untyped-def]
+def _residuals(poses, scan, field, by_rays, distance, through):
     """Residuals (b, n) of every beam at n poses (n, 3), and which read beyond a mapped surface."""
     if by_rays:
         for i in range(poses.shape[0]):
@@ -237,7 +237,7 @@ def _residuals(poses, scan, field, by_rays, distance, through):  # type: ignore[
 
 
 @inline_kernel
-def _judge(distance, through, unknown_b, table, steps, hit_m, top_m, at, density, sums, n):  # type: ignore[no-untyped-def]
+def _judge(distance, through, unknown_b, table, steps, hit_m, top_m, at, density, sums, n):
     """Add what one beam says of n poses: its density, whether it is a hit or beyond one, and its residual. One short loop
     for each, all but the look-up of which is done for several poses at once."""
     product, residual, on_map, hits, beyond = sums
@@ -261,7 +261,7 @@ def _judge(distance, through, unknown_b, table, steps, hit_m, top_m, at, density
 
 
 @kernel
-def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, model, out):  # type: ignore[no-untyped-def]
+def _fit_rows(low, high, poses, scan, unknown, field, table, per_m, model, out):
     beams = scan[0].shape[1]
     distance, through = np.empty((beams, _BLOCK), np.float32), np.empty((beams, _BLOCK), np.uint8)
     at, density, total = np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.float32), np.empty(_BLOCK)
@@ -326,7 +326,7 @@ class Classes(NamedTuple):
 
 
 @kernel
-def _classes(pose, scan, unknown, field, table, per_m, by_rays, posterior, distance):  # type: ignore[no-untyped-def]
+def _classes(pose, scan, unknown, field, table, per_m, by_rays, posterior, distance):
     beams = scan[0].shape[1]
     found, through = np.empty((beams, 1), np.float32), np.empty((beams, 1), np.uint8)
     _residuals(pose.reshape(1, 3), scan, field, by_rays, found, through)

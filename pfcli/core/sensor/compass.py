@@ -28,7 +28,7 @@ class Compass(NamedTuple):
 
 
 @kernel
-def log_likelihood(yaw, reading, sigma, outliers, out):  # type: ignore[no-untyped-def]
+def log_likelihood(yaw, reading, sigma, outliers, out):
     """Log of the mixture (1 - outliers) N(reading - yaw; sigma) + outliers / 2 pi for each heading yaw (n,), into out (n,)."""
     peak = (1.0 - outliers) / (sigma * np.sqrt(2.0 * np.pi))
     for i in range(yaw.size):

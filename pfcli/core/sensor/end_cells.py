@@ -10,7 +10,7 @@ from pfcli.core.jit import inline_kernel
 
 
 @inline_kernel
-def place(poses, frame, yaw, placed):  # type: ignore[no-untyped-def]
+def place(poses, frame, yaw, placed):
     """Into placed, float32 (4, n or more): x and y of poses (n, 3) in cells, and cosine and sine of their turns in cells per
     metre. frame: (6,), of the grid (`grid_frame`), which is turned by yaw."""
     scale = np.sqrt(frame[0] * frame[0] + frame[3] * frame[3])
@@ -21,7 +21,7 @@ def place(poses, frame, yaw, placed):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def cells_of(placed, px, py, shape, shift, at, n):  # type: ignore[no-untyped-def]
+def cells_of(placed, px, py, shape, shift, at, n):
     """Flat index (n,) of the cell where a beam ends, which is at (px, py) in the base frame; off the map that of the border.
 
     placed: (4, n or more), by `place`; shape: rows and columns, with the border; shift: added, for one table of several.
@@ -37,7 +37,7 @@ def cells_of(placed, px, py, shape, shift, at, n):  # type: ignore[no-untyped-de
 
 
 @inline_kernel
-def look_up(table, at, found, n):  # type: ignore[no-untyped-def]
+def look_up(table, at, found, n):
     """found[i] = table[at[i]] for i < n; found (>= n,), at int (>= n,), table flat."""
     for i in range(n):
         found[i] = table[np.uint32(at[i])]

@@ -52,7 +52,7 @@ RANGES, RANGE_STEP_M = 64, 0.25
 
 
 @inline_kernel
-def _offset(segments, arcs, k, x, y):  # type: ignore[no-untyped-def]
+def _offset(segments, arcs, k, x, y):
     """Distance of (x, y) to line k, and the unit vector from its nearest point to (x, y)."""
     if k < segments.shape[0]:
         ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
@@ -77,7 +77,7 @@ def _offset(segments, arcs, k, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def nearest_line(segments, arcs, x, y):  # type: ignore[no-untyped-def]
+def nearest_line(segments, arcs, x, y):
     """(distance, index) of the line nearest to (x, y), looking at every one."""
     best, which = np.inf, 0
     for k in range(segments.shape[0] + arcs.shape[0]):
@@ -88,7 +88,7 @@ def nearest_line(segments, arcs, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill_rows(low, high, segments, arcs, cols, corner, steps, nearest):  # type: ignore[no-untyped-def]
+def _fill_rows(low, high, segments, arcs, cols, corner, steps, nearest):
     for i in range(low, high):
         y = corner[1] + (i + 0.5) * CELL_M
         for j in range(cols):
@@ -129,7 +129,7 @@ def range_bins(points: NDArray[np.float32]) -> NDArray[np.int32]:
 
 
 @reduction_kernel
-def _sum_points(steps, value, rows, cols, gx, gy, c, s, points, shift, at):  # type: ignore[no-untyped-def]
+def _sum_points(steps, value, rows, cols, gx, gy, c, s, points, shift, at):
     """Cells first, which vectorises, then the loads; beyond the table is as far as its border."""
     for b in range(at.size):
         x = gx + c * points[0, b] - s * points[1, b]
@@ -144,7 +144,7 @@ def _sum_points(steps, value, rows, cols, gx, gy, c, s, points, shift, at):  # t
 
 
 @kernel
-def _table_rows(low, high, poses, points, table, value, shift, out):  # type: ignore[no-untyped-def]
+def _table_rows(low, high, poses, points, table, value, shift, out):
     steps, _, rows, cols, corner = table
     at = np.empty(points.shape[1], np.int32)
     scale = np.float32(1.0 / CELL_M)
@@ -155,7 +155,7 @@ def _table_rows(low, high, poses, points, table, value, shift, out):  # type: ig
 
 
 @kernel
-def _exact_rows(low, high, poses, points, segments, arcs, sigma, hit, reach, out):  # type: ignore[no-untyped-def]
+def _exact_rows(low, high, poses, points, segments, arcs, sigma, hit, reach, out):
     far = (STEPS - 1) * STEP_M
     for i in range(low, high):
         c, s, total = np.cos(poses[i, 2]), np.sin(poses[i, 2]), 0.0
@@ -235,7 +235,7 @@ def samples(lines: Lines) -> NDArray[np.float64]:
 
 
 @kernel
-def _missed_rows(low, high, poses, marks, cells, reach, hit, gone, out):  # type: ignore[no-untyped-def]
+def _missed_rows(low, high, poses, marks, cells, reach, hit, gone, out):
     half = cells.shape[0] // 2
     for i in range(low, high):
         c, s, total = np.cos(poses[i, 2]), np.sin(poses[i, 2]), 0.0
@@ -268,7 +268,7 @@ _LOOSE = np.array([1.0, 1.0, 4.0])
 
 
 @kernel
-def _refine_rows(low, high, poses, points, sigma, table, segments, arcs, worth, hessian):  # type: ignore[no-untyped-def]
+def _refine_rows(low, high, poses, points, sigma, table, segments, arcs, worth, hessian):
     _, nearest, rows, cols, corner = table
     h, g, lower, move = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     start = np.empty(3)

@@ -46,7 +46,7 @@ def squared_differences(
 
 
 @kernel
-def best(log_p):  # type: ignore[no-untyped-def]
+def best(log_p):
     """The most probable bin of each row of (n, bins), the first of equals. Returns (n,)."""
     out = np.empty(log_p.shape[0], np.int64)
     for i in range(log_p.shape[0]):
@@ -59,7 +59,7 @@ def best(log_p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def strata(log_p, count, half, u):  # type: ignore[no-untyped-def]
+def strata(log_p, count, half, u):
     """Draw a heading from each of the `count` strongest modes of every row of log_p (n, bins), and one from what they leave.
 
     half: a mode reaches so many bins to each side of its top; u: (n, count + 1) in [0, 1). Returns (place (m,) row of each

@@ -21,7 +21,7 @@ class Detections(NamedTuple):
 
 
 @kernel
-def _evidence(poses, seen, places, start, sigma, hit, area, out):  # type: ignore[no-untyped-def]
+def _evidence(poses, seen, places, start, sigma, hit, area, out):
     for i in range(poses.shape[0]):
         c, s, total = np.cos(poses[i, 2]), np.sin(poses[i, 2]), 0.0
         for k in range(seen.shape[0]):
@@ -56,7 +56,7 @@ _STEPS, _GATE, _LOOSE = 6, 4.0, 1.0
 
 
 @kernel
-def _refine(poses, seen, places, start, sigma, hessian):  # type: ignore[no-untyped-def]
+def _refine(poses, seen, places, start, sigma, hessian):
     low, g, move = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     for i in range(poses.shape[0]):
         h = hessian[i]
@@ -101,7 +101,7 @@ def refine(poses: NDArray[np.float64], detections: Detections) -> tuple[NDArray[
 
 
 @kernel
-def _pairs(seen, places, start, sigma, out):  # type: ignore[no-untyped-def]
+def _pairs(seen, places, start, sigma, out):
     count = 0
     for i in range(seen.shape[0]):
         for j in range(i):

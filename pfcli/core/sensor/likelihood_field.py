@@ -96,7 +96,7 @@ def levels_of(points: NDArray[np.float32], sigma_m: float, yaw_sd_rad: float) ->
 
 
 @inline_kernel
-def _add(found, near, far, least, total, n):  # type: ignore[no-untyped-def]
+def _add(found, near, far, least, total, n):
     zero = np.float32(0.0)
     for i in range(n):
         value = found[i]
@@ -105,7 +105,7 @@ def _add(found, near, far, least, total, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, base, least, out):  # type: ignore[no-untyped-def]
+def _evidence_rows(low, high, poses, points, table, frame, shape, yaw, shift, base, least, out):
     """Blocks of poses, beam by beam (`end_cells`): in any order of the poses each sum is the same."""
     placed, at, at_least = np.empty((4, _BLOCK), np.float32), np.empty(_BLOCK, np.int32), np.float32(least)
     found, total = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)

@@ -104,7 +104,7 @@ def mixture(sigma_m: float, shares: Shares, reach_m: float, gain: float, wall_m:
 
 
 @inline_kernel
-def _slot(d, width, known, expected, z, steps, slots):  # type: ignore[no-untyped-def]
+def _slot(d, width, known, expected, z, steps, slots):
     """Place in `score` of a beam that reads z, d off an expected interval of this width; known: whether the map says
     anything of it, expected: whether it says that something is hit; steps: per metre of d and of width."""
     k = np.int32(min(max(d * steps[0] + np.float32(STEPS / 2), np.float32(0.0)), np.float32(STEPS - 1)))
@@ -116,7 +116,7 @@ def _slot(d, width, known, expected, z, steps, slots):  # type: ignore[no-untype
 
 
 @reduction_kernel
-def _row_evidence(ranges, low, high, turn, unit, z, pose, scale, widths, score, steps, at, read):  # type: ignore[no-untyped-def]
+def _row_evidence(ranges, low, high, turn, unit, z, pose, scale, widths, score, steps, at, read):
     """Sum over beams low .. high against one row of the table; pose: turns, cos, sin, dx, dy of the sensor in its cell;
     scale: metres per step of the table, thickness of walls.
 
@@ -149,7 +149,7 @@ def _row_evidence(ranges, low, high, turn, unit, z, pose, scale, widths, score, 
 
 
 @inline_kernel
-def _sensor(pose, mount, frame, yaw):  # type: ignore[no-untyped-def]
+def _sensor(pose, mount, frame, yaw):
     """Place in cells and heading in the grid's frame of a sensor on a robot at `pose`."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     x, y = pose[0] + c * mount[0] - s * mount[1], pose[1] + s * mount[0] + c * mount[1]
@@ -157,7 +157,7 @@ def _sensor(pose, mount, frame, yaw):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _table_rows(low, high, poses, beams, table, row, centre, frame, yaw, model, unit_m, out):  # type: ignore[no-untyped-def]
+def _table_rows(low, high, poses, beams, table, row, centre, frame, yaw, model, unit_m, out):
     mounts, start, turn, unit, z = beams
     score, steps, gain, missed, wall_m, widths = model
     at, read = np.empty(turn.size, np.int32), np.empty((2, turn.size), np.int32)
@@ -182,7 +182,7 @@ def _table_rows(low, high, poses, beams, table, row, centre, frame, yaw, model, 
 
 
 @kernel
-def _ray_rows(low, high, poses, beams, room, cells, near, frame, yaw, model, range_m, out):  # type: ignore[no-untyped-def]
+def _ray_rows(low, high, poses, beams, room, cells, near, frame, yaw, model, range_m, out):
     mounts, start, _, unit, z = beams
     score, steps, gain, missed, wall_m, _ = model
     cell_m = 1.0 / np.hypot(frame[0], frame[3])
@@ -275,7 +275,7 @@ def misses(poses: NDArray[np.float64], beams: Beams, rays: Rays) -> float:
 
 
 @kernel
-def _misses(poses, mount, room, frame, yaw):  # type: ignore[no-untyped-def]
+def _misses(poses, mount, room, frame, yaw):
     count = 0
     for i in range(poses.shape[0]):
         gx, gy, _ = _sensor(poses[i], mount, frame, yaw)

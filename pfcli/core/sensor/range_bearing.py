@@ -7,7 +7,7 @@ from pfcli.core.jit import inline_kernel
 
 
 @inline_kernel
-def expected(pose, lx, ly, out, hv, hf):  # type: ignore[no-untyped-def]
+def expected(pose, lx, ly, out, hv, hf):
     """Range and bearing of (lx, ly) from a pose, into out (2,); Jacobians by the pose hv (2, 3) and the landmark hf (2, 2).
 
     Thrun 2005, eq. (7.14).
@@ -22,7 +22,7 @@ def expected(pose, lx, ly, out, hv, hf):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def spread2(hf, mark, noise, s):  # type: ignore[no-untyped-def]
+def spread2(hf, mark, noise, s):
     """Innovation covariance hf P hf^T + diag(noise) into s (3,): s00, s01, s11. mark: x, y, pxx, pxy, pyy, ...; noise: (2,)."""
     a0, a1 = hf[0, 0] * mark[2] + hf[0, 1] * mark[3], hf[0, 0] * mark[3] + hf[0, 1] * mark[4]
     b0, b1 = hf[1, 0] * mark[2] + hf[1, 1] * mark[3], hf[1, 0] * mark[3] + hf[1, 1] * mark[4]
@@ -32,14 +32,14 @@ def spread2(hf, mark, noise, s):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def squared(s, v0, v1):  # type: ignore[no-untyped-def]
+def squared(s, v0, v1):
     """(v^T S^-1 v, log det S) of an innovation."""
     det = s[0] * s[2] - s[1] * s[1]
     return (s[2] * v0 * v0 - 2.0 * s[1] * v0 * v1 + s[0] * v1 * v1) / det, np.log(det)
 
 
 @inline_kernel
-def update(mark, hf, s, v0, v1):  # type: ignore[no-untyped-def]
+def update(mark, hf, s, v0, v1):
     """Kalman update of a landmark by the innovation (v0, v1) with covariance s."""
     det = s[0] * s[2] - s[1] * s[1]
     i0, i1, i2 = s[2] / det, -s[1] / det, s[0] / det
@@ -56,7 +56,7 @@ def update(mark, hf, s, v0, v1):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def begin(mark, pose, z, noise):  # type: ignore[no-untyped-def]
+def begin(mark, pose, z, noise):
     """A landmark first seen at z = (range, bearing) from a pose."""
     a = pose[2] + z[1]
     c, s = np.cos(a), np.sin(a)

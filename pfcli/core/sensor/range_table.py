@@ -119,7 +119,7 @@ def rows_around(table: RangeTable, xy: NDArray[np.float64]) -> NDArray[np.float3
 
 
 @inline_kernel
-def row_at(row, gx, gy):  # type: ignore[no-untyped-def]
+def row_at(row, gx, gy):
     """What a grid of integers (rows, cols) holds at (gx, gy) in cells, -1 off the grid."""
     ix, iy = int(np.floor(gx)), int(np.floor(gy))
     if ix < 0 or iy < 0 or ix >= row.shape[1] or iy >= row.shape[0]:
@@ -128,7 +128,7 @@ def row_at(row, gx, gy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _around_rows(low, high, xy, ranges, row, frame, unit_m, range_m, out):  # type: ignore[no-untyped-def]
+def _around_rows(low, high, xy, ranges, row, frame, unit_m, range_m, out):
     for i in range(low, high):
         gx = frame[0] * xy[i, 0] + frame[1] * xy[i, 1] + frame[2]
         k = row_at(row, gx, frame[3] * xy[i, 0] + frame[4] * xy[i, 1] + frame[5])
@@ -138,7 +138,7 @@ def _around_rows(low, high, xy, ranges, row, frame, unit_m, range_m, out):  # ty
 
 
 @kernel
-def _build_rows(low, high, places, room, cells, directions, range_m, resolution_m, unit_m, out):  # type: ignore[no-untyped-def]
+def _build_rows(low, high, places, room, cells, directions, range_m, resolution_m, unit_m, out):
     for i in range(low, high):
         x, y = places[i, 1] + 0.5, places[i, 0] + 0.5
         for k in range(directions.shape[0]):

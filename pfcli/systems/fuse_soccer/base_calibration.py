@@ -46,7 +46,7 @@ class Fit(NamedTuple):
 
 
 @kernel
-def _integrate(step):  # type: ignore[no-untyped-def]
+def _integrate(step):
     """Poses (n + 1, 3) after steps (n, 3) taken half way through their turns, from the origin."""
     out = np.zeros((step.shape[0] + 1, 3))
     for i in range(step.shape[0]):

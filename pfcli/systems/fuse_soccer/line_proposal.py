@@ -43,7 +43,7 @@ def tells(view: View) -> bool:
 
 
 @kernel
-def _mixture(pose, log_own, prior, prior_inverse, drawn, drawn_inverse, log_gain, predicted, share, reach_m, reach_rad):  # type: ignore[no-untyped-def]
+def _mixture(pose, log_own, prior, prior_inverse, drawn, drawn_inverse, log_gain, predicted, share, reach_m, reach_rad):
     """Turn own log weights (n,) into those of a mixture: predicted ones, and `share` around `drawn`.
 
     log_gain: log of the peak of the drawn Gaussian over that of the prior one; predicted: how many rows are predicted ones.
@@ -60,7 +60,7 @@ def _mixture(pose, log_own, prior, prior_inverse, drawn, drawn_inverse, log_gain
 
 
 @inline_kernel
-def _square(a, x, y, t):  # type: ignore[no-untyped-def]
+def _square(a, x, y, t):
     return (
         a[0, 0] * x * x
         + a[1, 1] * y * y
@@ -70,7 +70,7 @@ def _square(a, x, y, t):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fused(prior, prior_cov, refined, hessian):  # type: ignore[no-untyped-def]
+def _fused(prior, prior_cov, refined, hessian):
     """Product of two Gaussians, widened a little, and the squared distance of their means over what both allow."""
     off = refined - prior
     off[2] = wrap(off[2])

@@ -54,7 +54,7 @@ def turned(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @kernel
-def _two_sides(own, other, odds, log_w):  # type: ignore[no-untyped-def]
+def _two_sides(own, other, odds, log_w):
     """Weigh by the mean over both sides, and move the odds by their difference."""
     for i in range(own.size):
         if odds[i] == -np.inf:
@@ -67,7 +67,7 @@ def _two_sides(own, other, odds, log_w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _forget(odds, share):  # type: ignore[no-untyped-def]
+def _forget(odds, share):
     for i in range(odds.size):
         if odds[i] != -np.inf:
             p = 1.0 / (1.0 + np.exp(-odds[i]))
@@ -76,7 +76,7 @@ def _forget(odds, share):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _gather_sides(pose, odds, yaw):  # type: ignore[no-untyped-def]
+def _gather_sides(pose, odds, yaw):
     """Let every particle show the side that looks about the same way as `yaw`."""
     for i in range(odds.size):
         if odds[i] != -np.inf and abs(wrap(pose[i, 2] - yaw)) > np.pi / 2:
@@ -85,7 +85,7 @@ def _gather_sides(pose, odds, yaw):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def share_turned(weights, odds):  # type: ignore[no-untyped-def]
+def share_turned(weights, odds):
     """Probability that the truth is on the other side of what the particles show."""
     total = 0.0
     for i in range(odds.size):

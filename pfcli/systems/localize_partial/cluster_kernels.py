@@ -16,7 +16,7 @@ WALL_FACTOR = 1e-3
 
 
 @kernel
-def _move_rows(low, high, poses, classes, step, sd, z, place, to_wall, frame, moved, labels, factor):  # type: ignore[no-untyped-def]
+def _move_rows(low, high, poses, classes, step, sd, z, place, to_wall, frame, moved, labels, factor):
     per_m2 = frame[0] * frame[0] + frame[3] * frame[3]
     for i in range(low, high):
         dx, dy = step[0] + sd[0] * z[i, 0], step[1] + sd[1] * z[i, 1]
@@ -59,7 +59,7 @@ def move(
 
 
 @kernel
-def entries(edge_xy, count, resolution_m, step, u, place, frame, strict):  # type: ignore[no-untyped-def]
+def entries(edge_xy, count, resolution_m, step, u, place, frame, strict):
     """Poses of robots that may just have come in: near a frontier, and outside before the step. Zhang 2010, definition 1.
 
     edge_xy: (e, 2), of which the first `count` cells are near sample_size; u: (n, 4) in [0, 1). strict: only headings with
@@ -83,7 +83,7 @@ def entries(edge_xy, count, resolution_m, step, u, place, frame, strict):  # typ
 
 
 @kernel
-def weigh(classes, weights, log_ratio, settled, most_against):  # type: ignore[no-untyped-def]
+def weigh(classes, weights, log_ratio, settled, most_against):
     """Weights (n,) after a scan, up to a factor exp(-top) that classes 4 and 5 and class 1 have too (eqs (13)-(23)).
 
     log_ratio: (n,) log likelihood over that outside, of the classes in the map; settled: log evidence that class 3 as a
@@ -120,7 +120,7 @@ def weigh(classes, weights, log_ratio, settled, most_against):  # type: ignore[n
 
 
 @kernel
-def after_scan(classes, of_class, weights, log_ratio):  # type: ignore[no-untyped-def]
+def after_scan(classes, of_class, weights, log_ratio):
     """Indices (m,) of the particles of a class, and their weights (m,) after a scan, up to a factor."""
     best, count = -np.inf, 0
     for i in range(classes.size):
@@ -136,7 +136,7 @@ def after_scan(classes, of_class, weights, log_ratio):  # type: ignore[no-untype
 
 
 @kernel
-def together(poses, reach_m):  # type: ignore[no-untyped-def]
+def together(poses, reach_m):
     """Share of the poses (n, 3) within reach of their median place."""
     x, y = np.median(poses[:, 0]), np.median(poses[:, 1])
     near = 0
@@ -146,7 +146,7 @@ def together(poses, reach_m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def flow(before, after, weights):  # type: ignore[no-untyped-def]
+def flow(before, after, weights):
     """(7, 7): weight that went from each class to each (eqs (8)-(12), not yet divided by the source's weight)."""
     out = np.zeros((7, 7))
     for i in range(weights.size):
@@ -155,7 +155,7 @@ def flow(before, after, weights):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def masses(classes, weights):  # type: ignore[no-untyped-def]
+def masses(classes, weights):
     """(7,): weight of each class."""
     out = np.zeros(7)
     for i in range(weights.size):
@@ -164,13 +164,13 @@ def masses(classes, weights):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def worth(mass, most, least):  # type: ignore[no-untyped-def]
+def worth(mass, most, least):
     """Particles that a share of the belief deserves: all from a tenth on, and `least` at the least."""
     return max(min(least, most), min(most, int(10.0 * mass * most)))
 
 
 @kernel
-def quotas(poses, classes, weights, u, least, lost, most, share, error, side_m, side_rad, negligible):  # type: ignore[no-untyped-def]
+def quotas(poses, classes, weights, u, least, lost, most, share, error, side_m, side_rad, negligible):
     """How many offspring each cluster gets: (7,), 0 where it is dropped, AS_IT_IS where it stays; and the clusters' weights (7,).
 
     poses: (n, 3); classes: (n,); weights: (n,), global; u: (7,), one offset per class; the others:

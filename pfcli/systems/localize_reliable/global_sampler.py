@@ -71,7 +71,7 @@ def gather(
 
 
 @kernel
-def density(at, poses, weights, sd_m, sd_rad):  # type: ignore[no-untyped-def]
+def density(at, poses, weights, sd_m, sd_rad):
     """(m,) kernel density (1 / (m^2 rad)) of weighted poses (n, 3) at poses (m, 3)."""
     out = np.zeros(at.shape[0])
     peak = 1.0 / ((2.0 * np.pi) ** 1.5 * sd_m * sd_m * sd_rad)

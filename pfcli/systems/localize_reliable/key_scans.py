@@ -55,7 +55,7 @@ def _poses(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @kernel
-def _unseen(ends, sensor, seen, same_m, same_rad):  # type: ignore[no-untyped-def]
+def _unseen(ends, sensor, seen, same_m, same_rad):
     """How many end points (b, 2) have none of `seen` (m, 2) near."""
     count = 0
     for b in range(ends.shape[0]):

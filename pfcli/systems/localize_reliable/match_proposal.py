@@ -45,7 +45,7 @@ def gaussian_of(pose: NDArray[np.float64], weights: NDArray[np.float64]) -> Gaus
 
 
 @kernel
-def _normal_equations(pose, scan, field, table, per_m, unknown, sigma):  # type: ignore[no-untyped-def]
+def _normal_equations(pose, scan, field, table, per_m, unknown, sigma):
     """Information (3, 3) and gradient (3,) of the beams at a pose, weighted by their posterior of a hit."""
     away, rows, cols, frame, yaw, _ = field
     ends = scan[0]

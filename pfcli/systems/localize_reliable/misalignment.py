@@ -13,14 +13,14 @@ _RATE_PER_M, _TOP_M = 2.0, 5.0
 
 
 @inline_kernel
-def _normalize(p):  # type: ignore[no-untyped-def]
+def _normalize(p):
     total = p[0] + p[1] + p[2]
     for i in range(3):
         p[i] /= total
 
 
 @kernel
-def _posteriors(density, stay):  # type: ignore[no-untyped-def]
+def _posteriors(density, stay):
     n = density.shape[0]
     forward, backward, out = np.empty((n, 3)), np.ones((n, 3)), np.empty((n, 3))
     for k in range(n):
@@ -46,7 +46,7 @@ def _posteriors(density, stay):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _densities(away, sigma, rate, top):  # type: ignore[no-untyped-def]
+def _densities(away, sigma, rate, top):
     out = np.empty((away.size, 3))
     for k in range(away.size):
         d = min(away[k], top)

@@ -37,7 +37,7 @@ def protection_level_m(cov: NDArray[np.float64], p_success: float, grid: GridMap
 
 
 @kernel
-def radius_of(risk, large, small):  # type: ignore[no-untyped-def]
+def radius_of(risk, large, small):
     """The distance that a plane normal error of variances large >= small along its axes exceeds with probability `risk`.
 
     P(|e| > r) is the mean of exp(-r^2 / (2 v)) over the directions, v the variance that belongs to each (whitened polar

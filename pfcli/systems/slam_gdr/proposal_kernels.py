@@ -7,7 +7,7 @@ from pfcli.core.jit import kernel
 
 
 @kernel
-def sample_proposal(mode, information, scale, z):  # type: ignore[no-untyped-def]
+def sample_proposal(mode, information, scale, z):
     """Draw each pose from N(mode, scale^2 information^-1); Grisetti 2007, section IV-B, on the Laplace approximation.
 
     mode: (n, 3); information: (n, 3, 3), positive definite; z: (n, 3) standard normal.
@@ -28,7 +28,7 @@ def sample_proposal(mode, information, scale, z):  # type: ignore[no-untyped-def
 
 
 @kernel
-def trace(parents, best):  # type: ignore[no-untyped-def]
+def trace(parents, best):
     """Particle index at every update along the ancestry of `best`; parents: (updates, n), from after to before."""
     out = np.empty(parents.shape[0], np.int64)
     k = best
@@ -39,7 +39,7 @@ def trace(parents, best):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def coalesced(parents):  # type: ignore[no-untyped-def]
+def coalesced(parents):
     """How many updates all particles of the end share; parents: (updates, n)."""
     n = parents.shape[1]
     alive = np.arange(n)
@@ -57,7 +57,7 @@ def coalesced(parents):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def covariance(poses):  # type: ignore[no-untyped-def]
+def covariance(poses):
     """Covariance (3, 3) of equally weighted poses (n, 3), headings seen from the first one."""
     n = poses.shape[0]
     mean, out, offsets = np.zeros(3), np.zeros((3, 3)), np.empty((n, 3))

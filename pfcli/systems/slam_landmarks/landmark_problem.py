@@ -37,7 +37,7 @@ ALL = (True,) * len(NAMES)
 
 
 @kernel
-def rows_of(track, marks, calibration, log, value, residual, robust):  # type: ignore[no-untyped-def]
+def rows_of(track, marks, calibration, log, value, residual, robust):
     """Whitened residuals, and Jacobian blocks: of a step by its two poses and its part of the calibration (3, 8), of a
     detection by pose, landmark and its part of the calibration (2, 9)."""
     step, step_sd, at, of, z, sd = log

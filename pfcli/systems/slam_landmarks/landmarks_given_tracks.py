@@ -12,7 +12,7 @@ from pfcli.systems.slam_landmarks.sensor_calibration import corrected
 
 
 @kernel
-def _given(tracks, marks, at, of, z, sd, out):  # type: ignore[no-untyped-def]
+def _given(tracks, marks, at, of, z, sd, out):
     e, hv, hf = np.empty(2), np.empty((2, 3)), np.empty((2, 2))
     info = np.empty((marks.shape[0], 6))
     for i in range(tracks.shape[0]):

@@ -20,7 +20,7 @@ _SLACK_M, _AHEAD_RAD = 14.0, 1.2
 
 
 @inline_kernel
-def _through(hv, p, s):  # type: ignore[no-untyped-def]
+def _through(hv, p, s):
     """Add hv P hv^T (2, 2) to s (3,)."""
     for a in range(3):
         for b in range(3):
@@ -30,7 +30,7 @@ def _through(hv, p, s):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def _pull(x, p, hv, s, v0, v1):  # type: ignore[no-untyped-def]
+def _pull(x, p, hv, s, v0, v1):
     """Kalman update of a pose (3,) and its covariance; s: without the pose's own uncertainty."""
     t = np.empty(3)
     t[0], t[1], t[2] = s[0], s[1], s[2]
@@ -53,7 +53,7 @@ def _pull(x, p, hv, s, v0, v1):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _associate(pose, p, seen, store, i, columns, gates, chosen):  # type: ignore[no-untyped-def]
+def _associate(pose, p, seen, store, i, columns, gates, chosen):
     """Maximum likelihood association of each detection to a landmark of the particle, each landmark once. gates: squared
     distance below which a detection may be of a landmark, and beyond which it is of a new one."""
     out, hv, hf, s = np.empty(2), np.empty((2, 3)), np.empty((2, 2)), np.empty(3)
@@ -85,7 +85,7 @@ def _associate(pose, p, seen, store, i, columns, gates, chosen):  # type: ignore
 
 
 @inline_kernel
-def _predict(pose, step, sd, prior, q):  # type: ignore[no-untyped-def]
+def _predict(pose, step, sd, prior, q):
     """The pose after the step into prior (3,), and the covariance of the step in the map's frame into q (3, 3). sd (4,): along,
     across (m), of turning (rad), and how far behind the pose (m) its errors turn about."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -107,7 +107,7 @@ def _predict(pose, step, sd, prior, q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _attract(x, p, seen, used, store, i):  # type: ignore[no-untyped-def]
+def _attract(x, p, seen, used, store, i):
     """Pull the proposal, mean x (3,) and covariance p (3, 3), by every detection of a known landmark (FastSLAM 2.0)."""
     out, hv, hf, s = np.empty(2), np.empty((2, 3)), np.empty((2, 2)), np.empty(3)
     z, noise, _ = seen
@@ -127,7 +127,7 @@ def _attract(x, p, seen, used, store, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw(x, p, z, low, pose):  # type: ignore[no-untyped-def]
+def _draw(x, p, z, low, pose):
     """Draw a pose from N(x, p), by z (3,) standard normal; returns log det p. low (3, 3): scratch."""
     # the smallest eigenvalue of a covariance after many updates is rounding
     for a in range(3):
@@ -142,7 +142,7 @@ def _draw(x, p, z, low, pose):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _log_prior(pose, prior, q, low):  # type: ignore[no-untyped-def]
+def _log_prior(pose, prior, q, low):
     """Log density (but for a constant) of the motion that led to a pose. low (3, 3): scratch."""
     d = pose - prior
     d[2] = wrap(d[2])
@@ -156,7 +156,7 @@ def _log_prior(pose, prior, q, low):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _learn(pose, seen, used, store, i, columns, log_false, fixed):  # type: ignore[no-untyped-def]
+def _learn(pose, seen, used, store, i, columns, log_false, fixed):
     """Log likelihood of the detections from a pose; landmarks are updated, new ones begun, unless they are fixed."""
     out, hv, hf, s = np.empty(2), np.empty((2, 3)), np.empty((2, 2)), np.empty(3)
     z, noise, column = seen
@@ -199,7 +199,7 @@ def _learn(pose, seen, used, store, i, columns, log_false, fixed):  # type: igno
 
 
 @kernel
-def observe(pose, log_w, motion, seen, columns, store, draws, options):  # type: ignore[no-untyped-def]
+def observe(pose, log_w, motion, seen, columns, store, draws, options):
     """Move, associate, propose, weigh and update. Returns the columns (n, m) that each particle took for the detections.
 
     pose (n, 3), log_w (n,): changed in place; motion: step (3,) and sd (4,) of `_predict` since the last observation in the old
@@ -241,7 +241,7 @@ def observe(pose, log_w, motion, seen, columns, store, draws, options):  # type:
 
 
 @kernel
-def _drop_spurious(pose, used, store, i, columns, reach):  # type: ignore[no-untyped-def]
+def _drop_spurious(pose, used, store, i, columns, reach):
     """Landmarks ahead and near that were not seen lose evidence; without any they are removed."""
     for j in range(columns):
         block, row = read(store, i, j)
