@@ -34,7 +34,7 @@ def best_lag(evidence: Evidence) -> tuple[float, float, float]:
     pairs = evidence.pairs
     good = pairs.inliers > 0.6
     turning = good & (np.maximum(np.abs(pairs.by_scans[:, 2]), np.abs(pairs.by_motion[:, 2])) > TURNING_RAD)
-    if turning.sum() < 2 * FEWEST:
+    if turning.sum() < FEWEST + 2:
         return 0.0, 0.0, 0.0
     lags = np.arange(-_WIDEST_S, _WIDEST_S + _STEP_S / 2, _STEP_S)
     costs = np.array([_difference(evidence, pairs, turning, lag) for lag in lags])

@@ -6,7 +6,7 @@ from pfcli.checks.evidence import Evidence
 from pfcli.findings import Finding
 
 _FEWEST = 10
-_APART_S, _DOUBT_S = 0.08, 0.5
+_APART_S, _DOUBT_S = 0.08, 0.4
 _MOTION = ("odometry", "encoders", "twist", "imu")
 
 

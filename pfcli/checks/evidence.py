@@ -70,7 +70,7 @@ class Evidence:
     nanoseconds apart.
     """
 
-    def __init__(self, path: Path, pairs: int = 64, map_file: Path | None = None, source: str = "odometry") -> None:
+    def __init__(self, path: Path, pairs: int = 96, map_file: Path | None = None, source: str = "odometry") -> None:
         self.path, self.map_file, self.source = path, map_file, source
         self.start_ns: int | None = None
         self.wheels: list[Wheels] = []
