@@ -131,7 +131,7 @@ def test_who_was_outside_or_carried_has_to_explain_all_that_is_seen() -> None:
 def test_a_scan_that_is_new_beyond_what_a_turn_brings_is_of_another_place() -> None:
     explained = np.where(np.arange(100) < 40, 0.0, 1.0).astype(np.float32)
     assert unmapped_things.is_carried(explained, 0.0, np.pi)
-    assert not unmapped_things.is_carried(explained, 0.5, np.pi)
+    assert not unmapped_things.is_carried(explained, 1.0, np.pi)
 
 
 def test_who_looks_for_the_place_is_judged_by_what_is_new(assets: Assets) -> None:

@@ -30,7 +30,7 @@ _WALL_SIGMAS = 3.0
 """A beam that ends so near behind a wall has met it."""
 
 
-_NEW = 0.3
+_NEW = 0.2
 """Share of the beams of a scan that are new, beyond what a turn brings, when the robot was carried."""
 _TELLS_M = 10.0
 """Way on which a robot must be believed to be outside before it is taken to have been there, and inside before it is taken to
