@@ -77,6 +77,7 @@ def test_the_whole_way_from_simulation_to_figures(pfcli: Cli, sample: Sample, tm
         "track.parquet",
         "metrics.parquet",
         "frames.parquet",
+        "closures.parquet",
         "map.pgm",
         "map.yaml",
         "params.toml",
@@ -121,7 +122,9 @@ def test_convert_carries_the_stamp_text_to_the_track(pfcli: Cli, tmp_path: Path)
         lines.append(f"FLASER 180 {ranges} {0.1 * k} 0 0 {0.1 * k} 0 0 {100 + k * 0.25:.6f} host {k}")
     (tmp_path / "x.log").write_text("\n".join(lines))
     assert pfcli("convert", tmp_path / "x.log", tmp_path / "x.mcap").returncode == 0
-    assert pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "out").returncode == 0
+    # the scans stand still while the robot drives: the verdict says so, and is not what is tested here
+    ran = pfcli("slam-gdr", tmp_path / "x.mcap", "--out", tmp_path / "out", "--ignore", "W701")
+    assert ran.returncode == 0, ran.stderr
     (tmp_path / "r").write_text("100.000000 109.750000 3.9 0 0 0 0 0\n")
     found = json.loads(pfcli("evaluate", tmp_path / "out/track.tum", "--relations", tmp_path / "r", "--json").stdout)
     assert found["relations"]["all"]["translation_m"]["n"] == 1
@@ -228,9 +231,10 @@ def test_an_unknown_frame_says_the_way_out(pfcli: Cli, tmp_path: Path) -> None:
 
 
 def test_a_changing_beam_count_and_a_pause_are_noted_and_survived(pfcli: Cli, tmp_path: Path) -> None:
-    _says(pfcli("slam-gdr", _log(tmp_path / "x.mcap", shrink=True), "--out", tmp_path / "a"), 0)
+    quiet = ("--ignore", "W701")  # scans that stand still while the robot drives are not what is tested here
+    _says(pfcli("slam-gdr", _log(tmp_path / "x.mcap", shrink=True), "--out", tmp_path / "a", *quiet), 0)
     assert json.loads((tmp_path / "a/run.json").read_text())["read"]["scans with another beam count"] == 29
-    _says(pfcli("slam-gdr", _log(tmp_path / "y.mcap", step_s=200.0), "--out", tmp_path / "b"), 0)
+    _says(pfcli("slam-gdr", _log(tmp_path / "y.mcap", step_s=200.0), "--out", tmp_path / "b", *quiet), 0)
     assert json.loads((tmp_path / "b/run.json").read_text())["read"]["gaps of more than a minute"] == 29
 
 
