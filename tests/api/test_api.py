@@ -92,7 +92,7 @@ def test_tables_have_units_and_are_those_of_the_files(loop_run: api.FinishedRun,
     assert _same(loop_run.track, pq.read_table(folder / "track.parquet"))
     assert _same(loop_run.metrics, pq.read_table(folder / "metrics.parquet"))
     assert loop_run.track.schema.field("cov_xx_m2").metadata == {b"unit": b"m^2"}
-    assert set(loop_run.tables) == {"track", "metrics", "frames"}
+    assert set(loop_run.tables) == {"track", "metrics", "frames", "closures"}
     assert loop_run.errors is not None
     assert np.array_equal(loop_run.track["error_m"].to_numpy(), loop_run.errors.position_m, equal_nan=True)
     assert loop_run.grid is not None
@@ -132,8 +132,8 @@ def test_options_of_all_kinds_become_words() -> None:
     assert run_words("slam-gdr", {"smooth": False, "particles": None}) == ["--no-smooth"]
     assert run_words("slam-gdr", {"alpha_xy_m": np.float64(0.1)}) == ["--alpha-xy-m=0.1"]
     assert run_words("localize-lookup", {"initial": (1.0, -2.0, 0)}) == ["--initial=1.0,-2.0,0"]
-    params = replace(api.default_params("slam-gdr"), particles=3, smooth=True)
-    assert run_words("slam-gdr", {"seed": 1, "params": params}) == ["--particles=3", "--smooth", "--seed=1"]
+    params = replace(api.default_params("slam-gdr"), particles=3, smooth=False)
+    assert run_words("slam-gdr", {"seed": 1, "params": params}) == ["--particles=3", "--no-smooth", "--seed=1"]
 
 
 def test_parameters_as_an_object_are_those_of_the_run(loop_run: api.FinishedRun) -> None:

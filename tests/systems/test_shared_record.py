@@ -65,7 +65,7 @@ def test_even_weights_are_resampled_only_as_printed_or_in_a_crowd() -> None:
         (even, 10.0, "paper", 10, True),
         (uneven, 1.2, "corrected", 10, True),
     ):
-        params = SimpleNamespace(variant=variant, particles=particles, resample_threshold=0.5)
+        params = SimpleNamespace(variant=variant, particles=particles, resample_threshold=0.5, resampler="systematic")
         chosen = resampling.chosen(weights, n_eff, params, Draw(0), 5)
         assert (chosen is not None) == expected
         assert chosen is None or chosen.size == particles
